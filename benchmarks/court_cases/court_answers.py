@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -107,8 +106,3 @@ def compare_lines(truth: CourtTruth, camera: CourtCamera) -> float:
         inside = np.all((true > 0) & (true < size - 1), axis=1)
         gaps.append(np.linalg.norm(camera.to_pixels(places[inside], k) - true[inside], axis=1))
     return float(np.sqrt(np.mean(np.concatenate(gaps) ** 2)))
-
-
-def read_folder(folder: Path) -> list[Path]:
-    """Return the folders of cases below a folder."""
-    return sorted(path.parent for path in folder.glob("*/truth.json"))

@@ -35,7 +35,6 @@ def outline_of_play(sport: Sport, camera: CourtCamera, frame: int) -> FloatArray
 
     Args:
         sport: Court and its surroundings.
-        camera: The camera.
         frame: Index of the frame in the file.
 
     Returns:

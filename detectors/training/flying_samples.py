@@ -1,18 +1,32 @@
-"""Training samples of the flying-object network: spots of random films, with the truth about each."""
+"""Samples of the flying-object network, with their truth: random films train it, rendered rallies only check it."""
 
 from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
+import cv2
 import numpy as np
 
-from detectors.flying.frame_windows import FrameWindow, align_window, soften_image
+from detectors.flying.frame_windows import (
+    FrameWindow,
+    align_window,
+    choose_lag,
+    find_shifts,
+    neighbours_of,
+    reduce_image,
+    soften_image,
+)
 from detectors.flying.motion_spots import find_spots, map_lone_change
+from detectors.flying.object_size import choose_scale, is_inside, outline_of_play
 from detectors.flying.spot_patches import LAYERS, MIDDLE, PATCH_PX, cut_patches
 from detectors.training.flying_scenes import FlyingFilm, draw_film
+from models.core.court_camera import CourtScene
 from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
+from models.sports.sport_catalogue import find_sports
+from video.rendering.rally_clips import RallyClip, generate_rally_clips, simulate_rallies
 
 # Films in a file.
 FILMS_PER_FILE = 60
@@ -22,6 +36,8 @@ SPOTS_PER_FRAME, NEGATIVES_PER_FRAME = 40, 10
 LEAST_VISIBLE, OWN_PX = 0.4, 4.0
 # px beside the streak up to which a spot is neither the object nor something else.
 UNCLEAR_PX = 9.0
+# Rallies, clips and frames of a clip in a file of rallies, for each sport, and the offset of the files' seeds.
+RALLIES, CLIPS, CLIP_FRAMES, SEED = 3, 4, 24, 9_100_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,3 +113,41 @@ def _window_of(film: FlyingFilm, k: int) -> FrameWindow:
     shifts = film.shifts[around] @ np.linalg.inv(film.shifts[k])
     is_still = np.array_equal(film.shifts[0], film.shifts[-1])
     return align_window(k, [image if is_still else soften_image(image) for image in film.luma[around]], shifts)
+
+
+def prepare_rally_file(folder: Path, number: int) -> Path:
+    """Render the rallies of a file and cut their spots, unless it exists; its number determines them."""
+    path = folder / f"flying-rallies-{number:05d}.npz"
+    if not path.exists():
+        shards = []
+        for k, sport in enumerate(sorted(find_sports())):
+            seed = SEED + 10 * number + k
+            rallies = simulate_rallies(sport, seed, RALLIES, folder / f"rallies-{number:05d}-{sport}")
+            clips = generate_rally_clips(np.random.default_rng(seed), rallies, CLIP_FRAMES)
+            shards += [cut_rally_samples(clip) for clip in islice(clips, CLIPS)]
+        write_flying_file(path, shards)
+    return path
+
+
+def cut_rally_samples(clip: RallyClip) -> FlyingShard:
+    """Cut all clear spots of the inner frames of a rendered clip, as `find_candidates` judges them."""
+    truth = clip.truth
+    camera, sport = truth.camera, truth.rally.sport
+    scale = choose_scale(CourtScene(sport, camera, 0.0))
+    images = [reduce_image(np.asarray(cv2.cvtColor(f, cv2.COLOR_RGB2GRAY), np.uint8), scale) for f in clip.frames]
+    if camera.motion is not None:
+        images = [soften_image(image) for image in images]
+    patches, rows = [], []
+    lag = choose_lag(truth.t)
+    for k in range(2 * lag, len(images) - 2 * lag):
+        around = neighbours_of(k, 0, len(images), lag)
+        window = align_window(k, [images[i] for i in around], find_shifts(camera, around, scale))
+        place = find_spots(map_lone_change(window)).place
+        px = np.asarray((place + 0.5) / scale - 0.5, np.float64)
+        place = place[is_inside(outline_of_play(sport, camera, k), px)][:SPOTS_PER_FRAME]
+        centre, streak = (truth.px[k] + 0.5) * scale - 0.5, truth.streak[k] * scale
+        is_own, is_clear = judge_spots(place, centre, streak, truth.shown[k] if truth.is_visible[k] else 0.1)
+        table = np.column_stack([is_own, centre - place, np.broadcast_to(streak, place.shape)])
+        patches.append(cut_patches(window, place)[is_clear])
+        rows.append(table[is_clear])
+    return FlyingShard(np.concatenate(patches), np.concatenate(rows).astype(np.float32))

@@ -15,8 +15,12 @@ from torch import Tensor, nn
 from detectors.flying.spot_network import COLUMNS, INPUT_NAME, OUTPUT_NAME, SCHEMA, streak_from_double_angle
 from detectors.flying.spot_patches import LAYERS, PATCH_PX
 from detectors.training.ball_evaluation import round_figures
-from detectors.training.flying_rallies import prepare_rally_file
-from detectors.training.flying_samples import FlyingShard, prepare_flying_file, read_flying_file
+from detectors.training.flying_samples import (
+    FlyingShard,
+    prepare_flying_file,
+    prepare_rally_file,
+    read_flying_file,
+)
 from detectors.training.onnx_export import PARITY_COUNTS, NetworkCalibration, write_onnx_network
 from detectors.training.training_loop import StepCallback, TrainOptions, read_step_count, run_training
 from detectors.training.training_shards import ShardRotation

@@ -114,6 +114,11 @@ class Sport:
     """Whether the usual camera looks across the court, so that x runs to the right."""
 
     @property
+    def halves(self) -> tuple[str, str]:
+        """Names of the halves of the court, that with smaller x first."""
+        return ("left", "right") if self.is_filmed_from_side else ("near", "far")
+
+    @property
     def corners(self) -> FloatArray:
         """Outer corners (4, 2), m, of the court: (0, 0), (length, 0), (length, width), (0, width)."""
         return np.array([[0, 0], [self.length, 0], [self.length, self.width], [0, self.width]], np.float64)

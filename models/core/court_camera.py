@@ -109,11 +109,11 @@ class CourtCamera:
         """Move seen pixels (..., 2) to where a lens without distortion would show them."""
         middle, half = self._lens()
         off = (px - middle) / half
-        seen = np.linalg.norm(off, axis=-1, keepdims=True)
-        r, k1 = seen, self.parameters[7]
+        r_seen = np.linalg.norm(off, axis=-1, keepdims=True)
+        r, k1 = r_seen, self.parameters[7]
         for _ in range(_LENS_STEPS):
-            r = r - (r * (1 + k1 * r**2) - seen) / (1 + 3 * k1 * r**2)
-        return np.asarray(middle + half * off * np.where(seen > 0, r / np.where(seen > 0, seen, 1.0), 1.0))
+            r = r - (r * (1 + k1 * r**2) - r_seen) / (1 + 3 * k1 * r**2)
+        return np.asarray(middle + half * off * np.where(r_seen > 0, r / np.where(r_seen > 0, r_seen, 1.0), 1.0))
 
     def _lens(self) -> tuple[FloatArray, float]:
         """Return the centre (2,) of the image and half its diagonal, px."""

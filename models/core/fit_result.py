@@ -24,6 +24,8 @@ Doubt = Literal["hidden", "fast", "few_samples", "clip_edge", "rival", "close_pa
 
 # Probability from which a cause is decided; below `MIN_LISTED_PROBABILITY` it is ruled out.
 SURE_PROBABILITY = 0.9
+# Shares of the moving time that accepted fits must explain.
+GREEN_SHARE, AMBER_SHARE = 0.9, 0.6
 # Least probability of a listed event; below, it is a hypothesis of the explanation only.
 MIN_LISTED_PROBABILITY = 0.1
 

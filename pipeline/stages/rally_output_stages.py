@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -12,7 +13,7 @@ from models.core.rally import Rally
 from pipeline.engine.stage import Inputs, NoOptions, Stage
 from pipeline.io.rally_files import write_rally_files
 from pipeline.io.saved_shot import write_shot
-from pipeline.stages.render_stage import SLOW_FILE
+from pipeline.stages.render_stage import SLOW_FILE, START_FILE
 from video.io.video_options import RenderOptions
 
 
@@ -57,11 +58,15 @@ def _export_rally(inputs: Inputs, options: NoOptions, folder: Path, progress: Pr
 
 
 def _draw_poster(inputs: Inputs, options: RenderOptions, folder: Path, progress: Progress) -> None:
-    """Draw the poster."""
+    """Draw the poster, and note when the slow motion begins."""
     from pipeline.io.image_file import write_image
-    from video.overlay.rally_poster import draw_rally_poster  # slow to import
+    from video.overlay.rally_poster import draw_rally_poster
+    from video.overlay.rally_slow_motion import find_rally_times  # slow to import
 
-    write_image(draw_rally_poster(inputs["read"], inputs["rally"], options), folder / "poster.png")
+    clip, rally = inputs["read"], inputs["rally"]
+    write_image(draw_rally_poster(clip, rally, options), folder / "poster.png")
+    start = float(find_rally_times(clip, rally, options)[0])
+    (folder / START_FILE).write_text(json.dumps(start), encoding="utf-8")
 
 
 def _write_report(inputs: Inputs, options: RallyPageOptions, folder: Path, progress: Progress) -> None:
@@ -71,7 +76,8 @@ def _write_report(inputs: Inputs, options: RallyPageOptions, folder: Path, progr
     from pipeline.reporting.pages.run_report import ReportFiles
 
     clip, rally, poster = inputs["read"], inputs["rally"], inputs["poster"] / "poster.png"
-    files = ReportFiles(SLOW_FILE, poster, options.slow)
+    start = float(json.loads((inputs["poster"] / START_FILE).read_text(encoding="utf-8")))
+    files = ReportFiles(SLOW_FILE, poster, options.slow, start)
     write_rally_report(clip, rally, files, options.title, options.settings, folder / "report.html")
     write_rally_summary(clip, rally, poster, folder)
 

@@ -78,6 +78,7 @@ def test_a_refused_clip_finds_nothing(truth: CourtTruth) -> None:
     assert (score.refused, score.found, score.events_found) == (1, 0, 0)
 
 
+@pytest.mark.slow  # it fits and derives three flights by differences
 def test_a_longer_lens_and_less_noise_bound_the_landing_more_closely(
     truth: CourtTruth, monkeypatch: pytest.MonkeyPatch
 ) -> None:

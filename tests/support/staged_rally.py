@@ -48,7 +48,7 @@ def stage_rally(
     """Build a rally of one hit that lands at a target (x, y), m, with the error sigma (x, y), m, in so many frames."""
     start = start or (0.12 * sport.length, 0.4 * sport.width, 1.0 if sport.floor == 0 else 0.25)
     flight = aim_flight(sport, target, start, climb)
-    sides = ("left", "right") if sport.is_filmed_from_side else ("near", "far")
+    sides = sport.halves
     player = sides[int(start[0] > sport.length / 2)] if player is None else player
     scene = usual_view(sport)
     t = np.arange(frames or int((flight.end + 0.4) * FPS)) / FPS

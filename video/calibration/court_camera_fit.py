@@ -69,6 +69,10 @@ class _Places:
     """(K,) px of line that a place stands for, less where paint is too thin to be seen; 0 where none can be."""
 
 
+# The fields of `_Places` of a line, with widths of its paint, px, before the last.
+_Parts = tuple[FloatArray, NDArray[np.int64], FloatArray, FloatArray, FloatArray, FloatArray]
+
+
 def build_court_camera(homography: FloatArray, sport: Sport, width: int, height: int) -> CourtCamera:
     """Build a camera of square pixels from a homography (3, 3) from metres on the court to pixels.
 
@@ -160,7 +164,7 @@ def measure_places(
     brightness: NDArray[np.float32], sport: Sport, camera: CourtCamera, reach: float, net_shift: float = 0.0,
 ) -> _Places:  # fmt: skip
     """Measure where paint is seen across the lines and the net that a camera predicts."""
-    parts = []
+    parts = list[_Parts]()
     ends = [camera.to_pixels(_raise(np.array([one.start, one.end]))) for one in sport.lines]
     size = np.array([camera.width_px, camera.height_px])
     net = _net_places(sport, camera, net_shift)
@@ -180,13 +184,14 @@ def measure_places(
             if other != k and np.isfinite([*p, *q]).all():
                 weight[_distance_to(px, p, q) < CROSSING_PX + width] = 0.0
     xyz, line, normal, px, width, weight = (np.concatenate(part) for part in zip(*parts, strict=True))
-    inside = ((px > 3) & (px < size - 4)).all(-1)
-    xyz, line, normal, px, width, weight = (part[inside] for part in (xyz, line, normal, px, width, weight))
+    inside = np.all((px > 3) & (px < size - 4), axis=-1)
+    xyz, normal, px, width, weight = (part[inside] for part in (xyz, normal, px, width, weight))
+    line = line[inside].astype(np.int64)
     shift, _ = measure_crests(brightness, px, normal, width, reach, line < len(sport.lines))
     return _Places(xyz, line, normal, px + shift[:, None] * normal, weight)
 
 
-def _net_places(sport: Sport, camera: CourtCamera, net_shift: float) -> tuple[FloatArray, ...]:
+def _net_places(sport: Sport, camera: CourtCamera, net_shift: float) -> _Parts:
     """Return places at the middle of the tape of the net, as `measure_places` lists them."""
     net, half_tape = sport.net, TAPE_SHARE / 2 * sport.net.height
     y = np.linspace(-net.overhang, sport.width + net.overhang, PLACES_PER_LINE)[1:-1]
@@ -200,11 +205,11 @@ def _even_shares(camera: CourtCamera, start: FloatArray, end: FloatArray, size: 
     """Return shares of the way along a line, at even distances in the image, of places inside it."""
     fine = np.linspace(0, 1, 200)
     px = camera.to_pixels(start + fine[:, None] * (end - start))
-    inside = ((px > 0) & (px < size)).all(-1)
+    inside = np.all((px > 0) & (px < size), axis=-1)
     steps = np.where(inside[1:] & inside[:-1], np.linalg.norm(np.diff(px, axis=0), axis=1), 0.0)
     run = np.concatenate([[0.0], np.cumsum(np.nan_to_num(steps))])
     count = int(min(PLACES_PER_LINE, run[-1] / PLACE_STEP_PX))
-    return np.interp((np.arange(count) + 0.5) / max(count, 1) * run[-1], run, fine)
+    return np.asarray(np.interp((np.arange(count) + 0.5) / max(count, 1) * run[-1], run, fine))
 
 
 def _look_at(
@@ -227,7 +232,7 @@ def _raise(xy: FloatArray) -> FloatArray:
 def _distance_to(px: FloatArray, p: FloatArray, q: FloatArray) -> FloatArray:
     """Measure the distances of pixels (K, 2) to a segment."""
     way = q - p
-    share = np.clip((px - p) @ way / max(way @ way, 1e-12), 0, 1)
+    share = np.clip((px - p) @ way / max(float(way @ way), 1e-12), 0, 1)
     return np.asarray(np.linalg.norm(px - p - share[:, None] * way, axis=1))
 
 
@@ -287,7 +292,7 @@ def _step(
     change = -covariance @ gradient
     # Turns by more than half a radian, or a third of the focal length, leave what is linear.
     change *= min(1.0, 0.3 / max(abs(change[6]), 1e-9), 0.5 / max(np.abs(change[3:6]).max(), 1e-9))
-    return extended + change, covariance
+    return extended + change, np.asarray(covariance)
 
 
 def _normal_equations(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from models.core.court import Sport
 from models.core.scene import apply_homography
-from models.core.typing import FloatArray
+from models.core.typing import BoolArray, FloatArray
 from video.calibration.court_lines import (
     MAP_DIRECTIONS,
     PaintedLines,
@@ -185,13 +185,13 @@ def _find_quads(lines: PaintedLines, shape: tuple[int, int]) -> _Quads:
                      n[:, None, 0] * c[None] - n[None, :, 0] * c[:, None]], axis=-1) / safe[..., None]  # fmt: skip
     along = np.nan_to_num(-meet[..., 0] * n[:, None, 1] + meet[..., 1] * n[:, None, 0])
     limit = np.array([shape[1], shape[0]]) * (0.5 + CORNER_MARGIN)
-    possible = np.isfinite(meet).all(-1) & (np.abs(meet) < limit).all(-1)
+    possible = np.all(np.isfinite(meet) & (np.abs(meet) < limit), axis=-1)
     index = np.broadcast_to(np.arange(count)[:, None, None], (count,) * 3)
     low, high = _clip_to_image(n, c, shape)
     ends = [np.clip(along, low[:, None], high[:, None])]
     painted = lines.lengths_between(index, ends[0][:, :, None], ends[0][:, None, :])
     inside = np.abs(ends[0][:, :, None] - ends[0][:, None, :])
-    is_side = (painted > MIN_SIDE_COVER * inside) & (inside > MIN_SIDE_PX)
+    is_side: BoolArray = (painted > MIN_SIDE_COVER * inside) & (inside > MIN_SIDE_PX)
     is_side &= possible[:, :, None] & possible[:, None, :]
     parts = []
     for b1, b2 in combinations(range(count), 2):

@@ -122,7 +122,7 @@ def find_painted_lines(points: RidgePoints, shape: tuple[int, int]) -> PaintedLi
     cell = (column % bins) * cells + np.rint(rho / OFFSET_STEP).astype(np.int64) + cells // 2
     votes = np.bincount(cell.ravel(), minlength=bins * cells)
     free = np.ones(len(xy), np.bool_)
-    normals, offsets, covers = [], [], []
+    normals, offsets, covers = list[FloatArray](), list[float](), list[FloatArray]()
     for _ in range(MAX_PEAKS):
         peak = int(np.argmax(votes))
         if len(normals) == MAX_LINES or votes[peak] < MIN_RUN:

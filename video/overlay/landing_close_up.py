@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from models.core.number_format import format_probability, format_with_sigma
+from models.core.number_format import format_probability
 from models.core.rally import LandingHypothesis, Rally
 from models.core.typing import FloatArray, ImageArray
 from models.estimation.rally.landing_judgement import LandingCall
+from models.estimation.rally.landing_margin import format_distance, format_margin
 from video.drawing.court_plan import draw_court, draw_landing_mark, find_ellipse, outline_line
 from video.drawing.label_layout import PANEL_MARGIN, Rect
 from video.drawing.masks import (
@@ -119,7 +120,7 @@ def draw_landing(
     scale, landing = drawing_scale(size[1]), call.landing
     if landing is None:
         image = np.full((size[1], size[0], 3), INK, np.uint8)
-        draw_words(image, call, describe_call(call), scale)
+        draw_words(image, call, scale)
         return image
     view = frame_landing(rally, call, landing, size)
     image = _film_surface(clip, rally, view, landing.t)
@@ -127,21 +128,8 @@ def draw_landing(
         _draw_lines(image, rally, call, view)
     _draw_place(image, rally, call, landing, view, scale)
     _draw_overview(image, rally, landing, scale)
-    draw_words(image, call, describe_call(call), scale)
+    draw_words(image, call, scale)
     return image
-
-
-def describe_call(call: LandingCall) -> str:
-    """Describe how far from the deciding line a landing is."""
-    if call.landing is None:
-        return "the clip does not show where it came down"
-    if not call.line or not np.isfinite(call.distance):
-        return ""
-    distance = format_with_sigma(100 * abs(call.distance), 100 * call.distance_sigma, 1)
-    if call.line == "net":
-        return "on the hitter's own side of the net" if call.distance < 0 else ""
-    side = "inside the outer edge" if call.distance >= 0 else "outside"
-    return f"{distance} cm {side} of the {call.line}"
 
 
 def _film_surface(clip: Clip, rally: Rally, view: SurfaceView, t: float) -> ImageArray:
@@ -193,7 +181,7 @@ def _draw_place(
     draw_polyline(
         image, np.stack([ends[1] - 9 * scale * across, ends[1] + 9 * scale * across]), round(3 * scale), colour
     )
-    text = f"{format_with_sigma(100 * abs(call.distance), 100 * call.distance_sigma, 1)} cm"
+    text = format_distance(call.distance, call.distance_sigma)
     aside = across if across[1] <= 0 else -across
     reach = text_mask(text, round(17 * scale), True).shape[1] / 2 * abs(aside[0]) + 26 * scale
     draw_panel(image, text, ends.mean(axis=0) + reach * aside, round(17 * scale), WHITE)
@@ -208,11 +196,12 @@ def _draw_overview(image: ImageArray, rally: Rally, landing: LandingHypothesis, 
     blend_colours(image, plan.render(), round_corner_mask(*plan.size, round(6 * scale)), x, y)
 
 
-def draw_words(image: ImageArray, call: LandingCall, distance: str, scale: float) -> Rect:
+def draw_words(image: ImageArray, call: LandingCall, scale: float) -> Rect:
     """Write verdict, probability and distance into the upper left corner, and return the place of the panel."""
     large, small, margin = round(34 * scale), round(18 * scale), round(PANEL_MARGIN * image.shape[0])
     chances = f"in {format_probability(call.probability)}, out {format_probability(call.out_probability)}"
-    lines = [VERDICT_WORDS[call.verdict], *filter(None, (distance, f"{call.area.replace('-', ' ')}: {chances}"))]
+    margin_words = format_margin(call) or "the clip does not show where it came down"
+    lines = [VERDICT_WORDS[call.verdict], *filter(None, (margin_words, f"{call.area.replace('-', ' ')}: {chances}"))]
     sizes = [large, *(small for _ in lines[1:])]
     masks = [text_mask(line, size, k == 0) for k, (line, size) in enumerate(zip(lines, sizes, strict=True))]
     width = min(max(mask.shape[1] for mask in masks) + 2 * small, image.shape[1] - 2 * margin)

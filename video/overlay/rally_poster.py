@@ -14,7 +14,7 @@ from video.drawing.masks import blend_colours, round_corner_mask
 from video.io.clip import Clip
 from video.io.video_options import RenderOptions
 from video.overlay.annotation import DEFAULT_OPTIONS
-from video.overlay.landing_close_up import describe_call, draw_words
+from video.overlay.landing_close_up import draw_words
 from video.overlay.rally_annotation import RallyAnnotation, find_panel_cost, prepare_rally_annotation
 from video.synthesis.rally_synthesis import ObjectSprite, build_rally_timeline, draw_sprites, separate_frames
 
@@ -66,7 +66,7 @@ def _draw_panels(
     )
     path = annotation.path_of(index)[1] if index >= 0 else np.empty((0, 3))
     taken = [tuple(one) for one in make_squares(annotation.timeline.project(path[::8], end), 10 * annotation.scale)]
-    taken.append(draw_words(image, call, describe_call(call), annotation.scale))
+    taken.append(draw_words(image, call, annotation.scale))
     cost = find_panel_cost(annotation.timeline, image)
     for drawing in drawings:
         if len(path):

@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 
 from models.core.court_camera import CourtCamera
+from models.core.scene import apply_homography
 from models.core.typing import ByteArray, Float32Array, FloatArray
 from video.rendering.court_background import paint_court
 from video.rendering.court_players import Capsule, draw_capsules, draw_head, make_figure, pose_player
@@ -150,7 +151,7 @@ class CourtRenderer:
         """Return left, top, right and bottom of what all frames show, in undistorted pixels of the reference image."""
         edge = np.concatenate([self._flat[0], self._flat[-1], self._flat[:, 0], self._flat[:, -1]])
         if self._camera.motion is not None:
-            edge = np.concatenate([_apply(np.linalg.inv(m), edge[::8]) for m in self._camera.motion])
+            edge = np.concatenate([apply_homography(np.linalg.inv(m), edge[::8]) for m in self._camera.motion])
         return np.concatenate([edge.min(0), edge.max(0)])
 
     def _warp(self, k: int) -> tuple[ByteArray, list[_Layer]]:
@@ -350,7 +351,7 @@ class CourtRenderer:
         """Return by how much (2,) px the lens moves what is seen at a place (3,); 0 behind the camera."""
         matrix = self._camera.matrix_of(self._frame(k))
         px = _project(matrix, place[None])
-        return np.nan_to_num(self._camera.distort(px)[0] - px[0])
+        return np.asarray(np.nan_to_num(self._camera.distort(px)[0] - px[0]))
 
     def _bounds(self, px: FloatArray, pad: float, margin: int = 40) -> tuple[FloatArray, FloatArray]:
         """Return the first pixel of a window that holds points (n, 2), and the one after its last."""
@@ -390,11 +391,6 @@ class CourtRenderer:
 
 
 _ANGLES = np.arange(12) * np.pi / 6
-
-
-def _apply(matrix: FloatArray, px: FloatArray) -> FloatArray:
-    ends = np.column_stack([px, np.ones(len(px))]) @ matrix.T
-    return np.asarray(ends[:, :2] / ends[:, 2:])
 
 
 def _project(projection: FloatArray, places: FloatArray) -> FloatArray:

@@ -172,11 +172,11 @@ def _erase_object(
     timeline: RallyTimeline, row: int, images: dict[int, ImageArray]
 ) -> tuple[ImageArray, tuple[int, int], ObjectSprite | None] | None:
     """Return a patch without the object, its corner (x, y), which is even, and the object; None outside the image."""
-    image, seen = images[row], timeline.filmed[row]
+    image, centre = images[row], timeline.filmed[row]
     half_streak = np.nan_to_num(timeline.rally.streak[row]) / 2
     reach = ERASED_RADII * float(timeline.radius[row]) + ERASED_PX
-    streak = np.stack([seen - half_streak, seen + half_streak])
-    path = np.concatenate([timeline.swept[row] + seen - timeline.centre[row], streak])
+    streak = np.stack([centre - half_streak, centre + half_streak])
+    path = np.concatenate([timeline.swept[row] + centre - timeline.centre[row], streak])
     margin = reach + RING_PX + 2
     low = np.maximum(path.min(axis=0) - margin, 0)
     high = np.minimum(path.max(axis=0) + margin, image.shape[1::-1])

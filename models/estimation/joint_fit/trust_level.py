@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.contact_graph import JointSolution, Observations
-from models.core.fit_result import Trust, TrustLevel
+from models.core.fit_result import AMBER_SHARE, GREEN_SHARE, Trust, TrustLevel
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.fit_solution import assign_observations, evaluate_residuals
 
@@ -27,8 +27,6 @@ MAX_MISFIT_RADII = 0.7
 VARIANCE_ERROR, MAX_DEVIATION = 0.2, 3.0
 # Beginning of the reason that is no doubt.
 EXPLAINED = "Between contacts, the laws of motion explain how the balls move"
-# Shares of the moving time that accepted fits must explain.
-GREEN_SHARE, AMBER_SHARE = 0.9, 0.6
 
 
 def evaluate_segment_chi2(

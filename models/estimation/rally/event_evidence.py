@@ -76,7 +76,6 @@ def weigh_events(
     Args:
         before: A flights at their last observations.
         after: B flights at their first observations.
-        sport: Sport.
         prior: Prior of a flight.
 
     Returns:

@@ -25,7 +25,7 @@ from models.estimation.rally.image_association import associate_candidates
 from models.estimation.rally.initial_flights import align_flights
 from models.estimation.rally.landing_hypotheses import merge_landings
 from models.estimation.rally.rally_building import build_rally
-from models.estimation.rally.structure_revision import Doubt, revise_structure, weigh_fit
+from models.estimation.rally.rally_revision import Doubt, revise_structure, weigh_fit
 from models.physics.flight.flight_motion import PARAMETER_COUNT
 
 # Natural logarithm of the probability that an explanation is right although another fits better by as much: evidence

@@ -108,7 +108,6 @@ def fit_rally(observed: FlightObservations, sport: Sport, hypothesis: RallyHypot
 
     Args:
         observed: N observations.
-        sport: Sport.
         hypothesis: Flights to start from.
 
     Returns:

@@ -51,7 +51,6 @@ def prepare_observations(
     """Prepare the places (N, 2), px, of frames (N,) at times (N,).
 
     Args:
-        camera: Camera.
         frame: (N,) indices in the file.
         t: (N,) s.
         px: (N, 2) seen pixels.

@@ -77,7 +77,6 @@ def find_kinks(observed: FlightObservations, px: FloatArray, sport: Sport) -> In
     Args:
         observed: N observations.
         px: (N, 2) places in an image that stands still.
-        sport: Sport.
 
     Returns:
         Indices (M + 1,) of the first observations of M stretches, and N.
@@ -132,7 +131,6 @@ def segment_rally(
     Args:
         observed: N observations of the object.
         px: (N, 2) places in an image that stands still.
-        sport: Sport.
         progress: Receives the finished share.
 
     Returns:
@@ -162,13 +160,13 @@ def _fit_from(
         if end - begin > _MOST_STRETCHES or observed.t[last - 1] - observed.t[first] > _LONGEST_FLIGHT:
             break
         part = observed.select(slice(first, last))
-        found: list[SingleFlight] = []
+        fitted: list[SingleFlight] = []
         for heading in (1.0, -1.0) if last - first > 2 else (0.0,):
             flight = fit_single_flight(part, sport, prior, heading=heading)
-            if flight is not None and not any(_agree(flight, other) for other in found):
-                found.append(flight)
-        nodes += [_Node(begin, end, flight, flight.evidence) for flight in found]
-        if found and last - first > 6 and min(flight.cost for flight in found) > _HOPELESS * (last - first):
+            if flight is not None and not any(_agree(flight, other) for other in fitted):
+                fitted.append(flight)
+        nodes += [_Node(begin, end, flight, flight.evidence) for flight in fitted]
+        if fitted and last - first > 6 and min(flight.cost for flight in fitted) > _HOPELESS * (last - first):
             break
     return nodes
 

@@ -151,8 +151,8 @@ class _Weights:
             usable, length * distance, 1.0
         )
         angle = np.arcsin(np.minimum(sine, 1.0)) / _STREAK_ANGLE
-        known = np.logaddexp(np.log(np.sqrt(np.pi / 2) / _STREAK_ANGLE) - 0.5 * angle**2, _WRONG_STREAK)
-        return np.where(usable, known, 0.0)
+        agreement = np.logaddexp(np.log(np.sqrt(np.pi / 2) / _STREAK_ANGLE) - 0.5 * angle**2, _WRONG_STREAK)
+        return np.where(usable, agreement, 0.0)
 
 
 def _weigh_look(

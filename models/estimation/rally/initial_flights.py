@@ -28,7 +28,6 @@ def align_flights(observed: FlightObservations, sport: Sport, hypothesis: RallyH
 
     Args:
         observed: N observations.
-        sport: Sport.
         hypothesis: Flights that were fitted alone.
 
     Returns:
@@ -87,26 +86,25 @@ def pin_to_surface(matrix: FloatArray, place: FloatArray, t: float, sport: Sport
         matrix: (3, 4) projection.
         place: (3,) m, in whatever depth.
         t: s.
-        sport: Sport.
 
     Returns:
         Where the ray meets the surface; None where the place is not finite.
     """
     if not np.isfinite(place).all():
         return None
-    seen = matrix[:, :3] @ place + matrix[:, 3]
+    homogeneous = matrix[:, :3] @ place + matrix[:, 3]
     for height in dict.fromkeys((0.0, sport.floor)):
-        place = _meet_plane(matrix, seen, height + sport.object.radius)
+        place = _meet_plane(matrix, homogeneous, height + sport.object.radius)
         on_table = bool(((place[:2] > -0.05) & (place[:2] < np.array([sport.length, sport.width]) + 0.05)).all())
         if height == sport.floor or on_table:
             return Pin(t, place, np.array(_SURFACE_SIGMA))
     return None
 
 
-def _meet_plane(matrix: FloatArray, seen: FloatArray, z: float) -> FloatArray:
+def _meet_plane(matrix: FloatArray, homogeneous: FloatArray, z: float) -> FloatArray:
     """Find the place (3,) at height z that a projection (3, 4) shows at homogeneous pixels (3,)."""
     plane = np.column_stack([matrix[:, 0], matrix[:, 1], matrix[:, 2] * z + matrix[:, 3]])
-    xy = np.linalg.solve(plane, seen)
+    xy = np.linalg.solve(plane, homogeneous)
     return np.array([xy[0] / xy[2], xy[1] / xy[2], z])
 
 

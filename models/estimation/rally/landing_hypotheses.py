@@ -27,7 +27,6 @@ def predict_landing(flight: Flight, sport: Sport, last_seen: float, interval: fl
 
     Args:
         flight: The flight, with its whole covariance.
-        sport: Sport.
         last_seen: s, last observation of it.
         interval: s between frames.
 
@@ -64,9 +63,7 @@ def find_landing(
     """Find where the object first touches the ground after the last hit of one explanation.
 
     Args:
-        flights: Flights.
         events: Events, in the order of time.
-        sport: Sport.
         last_seen: s, last observation.
         interval: s between frames.
 

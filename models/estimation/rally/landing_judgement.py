@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from models.core.court import Rectangle, Sport
-from models.core.fit_result import SURE_PROBABILITY
+from models.core.fit_result import AMBER_SHARE, SURE_PROBABILITY
 from models.core.rally import Flight, LandingHypothesis, Rally, RallyEvent
 from models.core.typing import FloatArray
 from models.estimation.rally.rally_views import continue_flight, evaluate_rally
@@ -37,7 +37,7 @@ FORWARD = ("near", "left")
 # Probability of what nothing observed speaks for or against (principle of indifference).
 INDIFFERENT = 0.5
 
-CallReason = Literal["close", "no_landing", "hitter_unknown", "several", "unexplained"]
+CallReason = Literal["close", "no_landing", "hitter_unknown", "several", "unexplained", "mostly_unexplained"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +100,8 @@ def judge_landing(rally: Rally, area: str | None = None) -> LandingCall:
         area: Name of the area in the rules of the sport; None for the usual one.
 
     Returns:
-        The call. It is undecided unless in or out is at least as probable as `SURE_PROBABILITY`.
+        The call. It is undecided unless in or out is at least as probable as `SURE_PROBABILITY`, and where the law of
+        flight does not explain the flight to the landing, or most of the rally: wrong flights have wrong errors.
 
     Raises:
         ValueError: The sport has no such area.
@@ -118,8 +119,8 @@ def judge_landing(rally: Rally, area: str | None = None) -> LandingCall:
         for rectangles, share in targets
     )
     weight = sum(one.weight for one in landings)
-    explains = best is None or _explains_landing(rally, best)
-    probability = float(np.clip(inside, 0.0, weight)) if explains else INDIFFERENT * weight
+    doubt = None if best is None else _find_doubt(rally, best)
+    probability = float(np.clip(inside, 0.0, weight)) if doubt is None else INDIFFERENT * weight
     out = float(weight - probability)
     verdict: Literal["in", "out", "undecided"] = "undecided"
     if max(probability, out) >= SURE_PROBABILITY:
@@ -132,7 +133,7 @@ def judge_landing(rally: Rally, area: str | None = None) -> LandingCall:
     return LandingCall(
         name, verdict, probability, out, _name_half(sport, targets), rectangles, best, line, distance, distance_sigma,
         speed, speed_sigma, _find_deciding_frames(rally, best),
-        None if verdict != "undecided" else _find_reason(rally, targets, landings) if explains else "unexplained",
+        None if verdict != "undecided" else doubt or _find_reason(rally, targets, landings),
     )  # fmt: skip
 
 
@@ -176,13 +177,22 @@ def is_explained(rally: Rally, flight: Flight) -> bool:
     return is_used and flight.chi2 <= MAX_FLIGHT_CHI2
 
 
-def _explains_landing(rally: Rally, landing: LandingHypothesis) -> bool:
-    """Return whether the flight that ends at a landing is explained; no player hits it backwards."""
+def find_explained_share(rally: Rally) -> float:
+    """Find the share of the time in flight that the law of flight explains; 0 without any flight."""
+    spans = sum(one.end - one.start for one in rally.flights)
+    explained = sum(one.end - one.start for one in rally.flights if is_explained(rally, one))
+    return explained / spans if spans > 0 else 0.0
+
+
+def _find_doubt(rally: Rally, landing: LandingHypothesis) -> CallReason | None:
+    """Find why the place of a landing is not trusted: no law explains its flight or the rally; no player hits back."""
     hit = find_last_hit(rally, landing.t)
     if hit is not None and hit.player and (landing.place[0] > hit.place[0]) != (hit.player in FORWARD):
-        return False
+        return "unexplained"
     before = [one for one in rally.flights if one.start < landing.t - SAME_MOMENT_S]
-    return not before or is_explained(rally, before[-1])
+    if before and not is_explained(rally, before[-1]):
+        return "unexplained"
+    return "mostly_unexplained" if find_explained_share(rally) < AMBER_SHARE else None
 
 
 def find_last_hit(rally: Rally, before: float = math.inf) -> RallyEvent | None:
@@ -293,8 +303,7 @@ def _name_half(sport: Sport, targets: list[tuple[tuple[Rectangle, ...], float]])
     halves = {(one[0] + one[2]) / 2 > sport.length / 2 for rectangles, _ in targets for one in rectangles}
     if len(halves) != 1:
         return ""
-    names = ("left", "right") if sport.is_filmed_from_side else ("near", "far")
-    return names[halves.pop()]
+    return sport.halves[halves.pop()]
 
 
 def _find_speed(rally: Rally, landing: LandingHypothesis | None) -> tuple[float, float]:

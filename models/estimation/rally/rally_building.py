@@ -171,8 +171,7 @@ def _is_low(place: FloatArray, sigma: float, sport: Sport) -> bool:
 
 def name_player(place: FloatArray, sport: Sport) -> str:
     """Name the player of a hit at a place (3,), m, by the half of the court."""
-    sides = ("left", "right") if sport.is_filmed_from_side else ("near", "far")
-    return sides[int(place[0] > sport.length / 2)]
+    return sport.halves[int(place[0] > sport.length / 2)]
 
 
 def _build_first_hit(scene: CourtScene, flight: Flight, rally: Rally, interval: float) -> RallyEvent | None:

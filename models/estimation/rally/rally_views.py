@@ -48,7 +48,6 @@ def continue_flight(rally: Rally, index: int, seconds: float, step: float = 0.01
     """Continue a flight as if nothing had ended it, until it reaches the playing surface or the floor.
 
     Args:
-        rally: Rally.
         index: Of the flight.
         seconds: Longest continuation, s after the end of the flight.
         step: s between places.
@@ -71,7 +70,6 @@ def find_surface_contact(parameters: FloatArray, begins_with_hit: bool, sport: S
     Args:
         parameters: (11,) of the flight.
         begins_with_hit: Whether a shuttle turns over at its start.
-        sport: Sport.
         after: s after the start of the flight, from which to look.
 
     Returns:

@@ -108,7 +108,6 @@ def fit_single_flight(
 
     Args:
         observed: N >= 2 observations.
-        sport: Sport.
         prior: Prior of its parameters.
         turns: Whether it begins with a hit, after which a shuttle turns over.
         heading: Sign of the speed along the court with which the search starts; 0 for either.

@@ -51,7 +51,6 @@ def write_rally_report(
     """
     call, sport = judge_landing(rally), rally.scene.sport
     strokes, point = summarize_strokes(rally), format_point(rally, call)
-    names = ("left", "right") if sport.is_filmed_from_side else ("near", "far")
     html = render_template(
         "rally.html",
         name=title,
@@ -70,7 +69,7 @@ def write_rally_report(
         strokes=[cells for _, cells in list_stroke_rows(rally, strokes)],
         plan=embed_figure(build_court_figure(rally, strokes, "above"), "plan", PLAN_HEIGHT),
         side=embed_figure(build_court_figure(rally, strokes, "side"), "side", SIDE_HEIGHT),
-        ends=f"The {names[0]} end is on the left, the {names[1]} end on the right.",
+        ends="The {} end is on the left, the {} end on the right.".format(*sport.halves),
         notes=_list_notes(clip, rally),
         settings=list(settings),
         versions={name: version(name) for name in PACKAGES},

@@ -3,30 +3,37 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from models.core.fit_result import Trust, TrustLevel, is_undecided
-from models.core.number_format import format_probability, format_speed, format_time, format_with_sigma
+from models.core.fit_result import AMBER_SHARE, GREEN_SHARE, Trust, TrustLevel, is_undecided
+from models.core.number_format import format_probability, format_speed, format_time
 from models.core.rally import Rally, RallyEvent
-from models.estimation.joint_fit.trust_level import AMBER_SHARE, GREEN_SHARE
-from models.estimation.rally.landing_judgement import CallReason, LandingCall, NetCrossing, is_explained
+from models.estimation.rally.landing_judgement import CallReason, LandingCall, NetCrossing, find_explained_share
+from models.estimation.rally.landing_margin import format_distance, format_margin
 from pipeline.reporting.text.text_formatting import start_sentence
 
 # px up to which painted lines lie where the camera puts them: they are a few pixels wide, and found to a fraction.
 MAX_LINE_ERROR_PX = 2.0
-# m up to which a distance is written in cm.
-LONG_DISTANCE = 1.0
 EVENT_WORDS = {"hit": "is hit", "bounce": "bounces", "net": "touches the net", "landing": "lands"}
 AREA_WORDS = {"service-box": "the service box"}
-NOTE_WORDS = {"incomplete_clip": "the clip is incomplete"}
+# That a camera turns is no doubt, and stands beside how well its lines fit.
+HARMLESS_NOTE = "camera-moves"
+NOTE_WORDS = {
+    "incomplete_clip": "the clip is incomplete",
+    "camera-motion-interpolated": "in some frames only the frames around them tell where the camera looks",
+    "camera-travels": "the camera changes its place, not only its direction",
+    "no-flight": "no flight was found",
+}
 REASON_WORDS: dict[CallReason, str] = {
     "close": "The error of the place reaches over the line.",
     "no_landing": "The clip does not show that it landed, nor that it would have.",
     "hitter_unknown": "The clip does not show from which side it was hit.",
     "unexplained": "The law of flight does not explain the last flight, so that its landing is unknown.",
+    "mostly_unexplained": "The law of flight does not explain most of the rally, so that its landing is unknown.",
     "several": "It may have landed at several places or times.",
 }
 
@@ -68,12 +75,10 @@ def list_event_rows(rally: Rally) -> list[tuple[str, str, str]]:
 
 def assess_rally_trust(rally: Rally) -> Trust:
     """Assess the trust level of a rally, with its reasons."""
-    name, fitted = rally.scene.sport.object.name, [one for one in rally.flights if is_explained(rally, one)]
+    name, share = rally.scene.sport.object.name, find_explained_share(rally)
     is_seen = np.isfinite(rally.px[:, 0])
-    if not fitted:
+    if share == 0:
         return Trust("red", (f"No flight of the {name} is explained.",))
-    spans = sum(one.end - one.start for one in rally.flights)
-    share = sum(one.end - one.start for one in fitted) / spans if spans > 0 else 1.0
     used = float(np.mean(rally.is_used[is_seen])) if is_seen.any() else 0.0
     reasons = [f"Gravity and air explain {100 * share:.0f} % of the time in flight."]
     level: TrustLevel = "green" if share >= GREEN_SHARE else "amber" if share >= AMBER_SHARE else "red"
@@ -97,7 +102,7 @@ def assess_rally_trust(rally: Rally) -> Trust:
 def format_rally_notes(rally: Rally) -> list[str]:
     """Format the notes of a rally and of its court, without full stops."""
     codes = dict.fromkeys([*rally.scene.notes, *rally.notes])
-    return [NOTE_WORDS.get(code, code.replace("_", " ")) for code in codes]
+    return [NOTE_WORDS.get(code, re.sub("[-_]", " ", code)) for code in codes if code != HARMLESS_NOTE]
 
 
 def format_landing(call: LandingCall, rally: Rally) -> LandingWords:
@@ -114,7 +119,7 @@ def format_landing(call: LandingCall, rally: Rally) -> LandingWords:
     if call.landing is None:
         text = f"{start_sentence(verdict)}: no landing of the {name} is known."
         return LandingWords(question, verdict, "", text, "", _format_advice(call, name))
-    margin = f"{format_distance(call.distance, call.distance_sigma)} {_format_side(call)}"
+    margin = format_margin(call)
     would = "landed" if call.landing.is_seen else "would have landed"
     when = format_time(call.landing.t, call.landing.t_sigma)
     speed = f", at {format_speed(call.speed, call.speed_sigma)}" if math.isfinite(call.speed) else ""
@@ -140,26 +145,12 @@ def describe_landing_call(call: LandingCall, rally: Rally) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _format_side(call: LandingCall) -> str:
-    """Format on which side of which line a landing is."""
-    line = f"the {call.line}" if call.line else "the line"
-    if call.line == "net":
-        return "beyond the net" if call.distance >= 0 else "short of the net"
-    return f"{'inside' if call.distance >= 0 else 'beyond'} the outer edge of {line}"
-
-
-def format_distance(distance: float, sigma: float) -> str:
-    """Format a distance, m, without its sign: in cm up to `LONG_DISTANCE`."""
-    scale, unit = (100, "cm") if abs(distance) < LONG_DISTANCE else (1, "m")
-    return f"{format_with_sigma(scale * abs(distance), scale * sigma)} {unit}"
-
-
 def _format_advice(call: LandingCall, name: str) -> str:
     """Format why a clip does not decide, and what would; empty where it does."""
     if call.reason is None:
         return ""
     text = REASON_WORDS[call.reason]
-    if call.frames[0] < 0 or call.reason in ("hitter_unknown", "unexplained"):
+    if call.frames[0] < 0 or call.reason in ("hitter_unknown", "unexplained", "mostly_unexplained"):
         return text
     first, last = call.frames
     return (

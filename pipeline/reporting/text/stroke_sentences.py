@@ -10,8 +10,9 @@ from models.core.fit_result import SURE_PROBABILITY
 from models.core.number_format import format_moment, format_probability, format_speed, format_time, format_with_sigma
 from models.core.rally import Rally
 from models.estimation.rally.landing_judgement import LandingCall, find_last_hit
+from models.estimation.rally.landing_margin import format_distance
 from models.estimation.rally.stroke_summary import Stroke
-from pipeline.reporting.text.rally_sentences import assess_rally_trust, format_distance, format_landing
+from pipeline.reporting.text.rally_sentences import format_landing
 
 OTHER_SIDE = {"near": "far", "far": "near", "left": "right", "right": "left"}
 # s of the clip after a bounce without another hit, from which nobody can have returned it.
@@ -44,8 +45,6 @@ def format_point(rally: Rally, call: LandingCall) -> PointWords:
     reason = " ".join(filter(None, [_describe_end(rally, call, hitter), words.advice]))
     sure = 1.0 if hit is None else hit.probability
     is_decided = bool(hitter) and sure * max(call.probability, call.out_probability) >= SURE_PROBABILITY
-    if assess_rally_trust(rally).level == "red":  # wrong flights have wrong errors
-        is_decided, reason = False, f"{reason} But most of its flights have no explanation."
     if not is_decided:
         if hitter and call.landing is not None:
             reason += f" If it was in, the {hitter} player won; if it was out, the {OTHER_SIDE[hitter]} player."

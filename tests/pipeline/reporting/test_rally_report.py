@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,15 +15,20 @@ from support.filmed_rally import film_rally
 from support.page_words import read_page
 
 from models.core.court_camera import rotation_matrix
+from models.core.progress import ignore_progress
 from models.core.rally import BallCandidates, Rally
 from models.estimation.rally.landing_judgement import judge_landing
 from models.estimation.rally.stroke_summary import summarize_strokes
 from pipeline.reporting.pages.rally_report import write_rally_report
 from pipeline.reporting.pages.run_report import ReportFiles
 from pipeline.reporting.recording.rally_recording import split_projection, write_rally_recording
+from pipeline.reporting.text.rally_sentences import assess_rally_trust, format_landing
 from pipeline.reporting.text.stroke_sentences import format_point, list_stroke_rows
+from pipeline.stages.rally_output_stages import RallyPageOptions, rally_output_stages
 from video.io.clip import Clip
+from video.io.video_options import RenderOptions
 from video.overlay.rally_poster import draw_rally_poster
+from video.overlay.rally_slow_motion import find_rally_times
 
 
 @pytest.fixture(scope="module")
@@ -67,6 +73,47 @@ def test_the_winner_follows_from_the_call(filmed: tuple[Clip, Rally]) -> None:
     assert "If it was in, the near player won; if it was out, the far player." in point.reason
     nothing = replace(rally, landings=(), no_landing=1.0)
     assert not format_point(nothing, judge_landing(nothing)).is_decided
+
+
+def test_page_and_call_decide_nothing_where_trust_is_red(filmed: tuple[Clip, Rally]) -> None:
+    rally = filmed[1]
+    (flight,) = rally.flights
+    wrong = replace(flight, start=flight.start - 9.0, end=flight.start, chi2=9.0)
+    untrusted = replace(rally, flights=(wrong, flight))
+    call = judge_landing(untrusted)
+    assert assess_rally_trust(untrusted).level == "red"
+    assert call.verdict == "undecided"  # what close-up, poster and slow motion show
+    assert format_landing(call, untrusted).verdict == "cannot be decided"
+    assert not format_point(untrusted, call).is_decided
+
+
+def test_a_camera_that_turns_is_no_doubt(filmed: tuple[Clip, Rally]) -> None:
+    rally = filmed[1]
+    for note, level in (("camera-moves", "green"), ("camera-travels", "amber")):
+        noted = replace(rally, scene=replace(rally.scene, notes=(note,)))
+        assert assess_rally_trust(noted).level == level
+
+
+def test_times_of_the_page_count_from_where_a_trimmed_slow_motion_begins(
+    filmed: tuple[Clip, Rally], tmp_path: Path
+) -> None:
+    clip, rally = filmed
+    (flight,) = rally.flights
+    late = replace(rally, flights=(replace(flight, start=flight.start + 0.5),))
+    begin = {}
+    for trim in (False, True):
+        folder = tmp_path / str(trim)
+        folder.mkdir()
+        render = RenderOptions(slow=8.0, trim_still=trim)
+        stages = {one.name: one for one in rally_output_stages(RallyPageOptions("rally.mp4", 8.0, ()), render)}
+        inputs = {"read": clip, "rally": late, "poster": folder}
+        for name in ("poster", "report"):
+            stages[name].run(inputs, stages[name].options, folder, ignore_progress)
+        html = (folder / "report.html").read_text(encoding="utf-8")
+        begin[trim] = float(re.search(r'id="now">([0-9.]+)<', html)[1])
+    assert begin[False] == 0.0
+    assert begin[True] == pytest.approx(find_rally_times(clip, late, render)[0], abs=1e-3)
+    assert begin[True] > 0.3
 
 
 def test_an_unsure_last_hit_leaves_the_point_open(filmed: tuple[Clip, Rally]) -> None:

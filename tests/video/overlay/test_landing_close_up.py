@@ -11,10 +11,11 @@ from support.filmed_rally import film_rally
 from models.core.rally import Rally
 from models.core.typing import FloatArray
 from models.estimation.rally.landing_judgement import judge_landing
+from models.estimation.rally.landing_margin import format_margin
 from video.drawing.court_plan import draw_court, find_ellipse
 from video.drawing.palette import FLASH
 from video.io.clip import Clip
-from video.overlay.landing_close_up import describe_call, draw_landing, find_deciding_edge, frame_landing
+from video.overlay.landing_close_up import draw_landing, find_deciding_edge, frame_landing
 
 SIZE = (960, 720)
 
@@ -64,7 +65,7 @@ def test_the_distance_ends_on_the_outer_edge_of_the_line(filmed: tuple[Clip, Ral
     assert edge is not None
     np.testing.assert_allclose(edge, [10.0, edge_y], atol=1e-9)
     assert call.distance == pytest.approx(distance)
-    assert ("inside" if distance > 0 else "outside") in describe_call(call)
+    assert ("inside" if distance > 0 else "beyond") in format_margin(call)
 
 
 def test_without_a_landing_the_close_up_says_so(filmed: tuple[Clip, Rally]) -> None:
@@ -72,7 +73,7 @@ def test_without_a_landing_the_close_up_says_so(filmed: tuple[Clip, Rally]) -> N
     call = judge_landing(replace(rally, landings=(), no_landing=1.0))
     image = draw_landing(clip, rally, call, SIZE)
     assert image.shape == (720, 960, 3)
-    assert "does not show" in describe_call(call)
+    assert not format_margin(call)
 
 
 def spread(points: FloatArray) -> FloatArray:

@@ -167,3 +167,14 @@ def test_a_flight_that_nothing_explains_lands_anywhere() -> None:
     ):
         call = judge_landing(wrong)
         assert (call.verdict, call.reason, call.probability) == ("undecided", "unexplained", 0.5)
+
+
+def test_a_rally_that_is_mostly_unexplained_decides_nothing() -> None:
+    rally = stage_rally(BADMINTON, (13.0, 3.0))
+    (flight,) = rally.flights
+    seconds = flight.end - flight.start
+    for share, reason in ((0.5, "mostly_unexplained"), (0.7, None)):
+        wrong = replace(flight, start=flight.start - seconds * (1 - share) / share, end=flight.start, chi2=9.0)
+        call = judge_landing(replace(rally, flights=(wrong, flight)))
+        assert call.reason == reason
+        assert (call.verdict == "undecided") == (reason is not None)

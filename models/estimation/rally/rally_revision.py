@@ -82,14 +82,13 @@ def revise_structure(observed: FlightObservations, sport: Sport, fit: RallyFit) 
 
     Args:
         observed: N observations.
-        sport: Sport.
         fit: The best explanation so far.
 
     Returns:
         The best explanation found, its rivals and doubts.
     """
-    tried: dict[tuple[object, ...], _Trial | None] = {}
-    best, trials = fit, _try_variants(observed, sport, fit, tried)
+    past: dict[tuple[object, ...], _Trial | None] = {}
+    best, trials = fit, _try_variants(observed, sport, fit, past)
     for _ in range(_MOST_PASSES):
         gains = _select_gains(trials)
         if not gains:
@@ -100,7 +99,7 @@ def revise_structure(observed: FlightObservations, sport: Sport, fit: RallyFit) 
         other = refine_fit(observed, sport, structure, values)
         if other is None or weigh_fit(other, observed) <= weigh_fit(best, observed):
             break
-        best, trials = other, _try_variants(observed, sport, other, tried)
+        best, trials = other, _try_variants(observed, sport, other, past)
     return _collect_rivals(observed, sport, best, trials)
 
 
@@ -143,9 +142,9 @@ def _select_gains(trials: list[_Trial]) -> list[_Trial]:
 
 
 def _try_variants(
-    observed: FlightObservations, sport: Sport, fit: RallyFit, tried: dict[tuple[object, ...], _Trial | None]
+    observed: FlightObservations, sport: Sport, fit: RallyFit, past: dict[tuple[object, ...], _Trial | None]
 ) -> list[_Trial]:
-    """Try the doubtful events otherwise; what was tried before, among the same events, is taken from `tried`."""
+    """Try the doubtful events otherwise; what was tried before, among the same events, is taken from `past`."""
     trials: list[_Trial] = []
     count, originals = len(fit.structure), dict[int, tuple[FlightObservations, float]]()
     for event, structure, values in _vary(observed, sport, fit):
@@ -157,8 +156,8 @@ def _try_variants(
             _describe_events(fit.structure, fit.values, first, stop),
             _describe_events(structure, values, first, stop - fewer),
         )
-        if key not in tried:
-            tried[key] = None
+        if key not in past:
+            past[key] = None
             if event not in originals:
                 part, original = _fit_part(observed, sport, fit.structure, fit.values, first, stop)
                 if original is None:
@@ -167,8 +166,8 @@ def _try_variants(
             part, before = originals[event]
             _, other = _fit_part(observed, sport, structure, values, first, stop - fewer)
             if other is not None:
-                tried[key] = _Trial(event, first, stop, other, weigh_fit(other, part) - before)
-        trial = tried[key]
+                past[key] = _Trial(event, first, stop, other, weigh_fit(other, part) - before)
+        trial = past[key]
         if trial is not None:
             trials.append(replace(trial, event=event, first=first, stop=stop))
     return trials

@@ -1,0 +1,26 @@
+"""How far a landing is from the line that decides, in words: the same on the page, in answers and in images."""
+
+from __future__ import annotations
+
+from models.core.number_format import format_with_sigma
+from models.estimation.rally.landing_judgement import LandingCall
+
+# m up to which a distance is written in cm.
+LONG_DISTANCE = 1.0
+
+
+def format_margin(call: LandingCall) -> str:
+    """Format how far on which side of which line a landing is; empty without a landing."""
+    if call.landing is None:
+        return ""
+    distance = format_distance(call.distance, call.distance_sigma)
+    if call.line == "net":
+        return f"{distance} {'beyond' if call.distance >= 0 else 'short of'} the net"
+    side = "inside" if call.distance >= 0 else "beyond"
+    return f"{distance} {side} the outer edge of {f'the {call.line}' if call.line else 'the line'}"
+
+
+def format_distance(distance: float, sigma: float) -> str:
+    """Format a distance, m, without its sign: in cm up to `LONG_DISTANCE`."""
+    scale, unit = (100, "cm") if abs(distance) < LONG_DISTANCE else (1, "m")
+    return f"{format_with_sigma(scale * abs(distance), scale * sigma)} {unit}"
