@@ -103,7 +103,7 @@ def fit_initial_windows(
         raise ValueError(f"a diagnosis needs shots of at least {MIN_ROWS} frames; there is none")
     fit = partial(fit_effects, problem, names=names, forms=forms, guess=guess)
     if isinstance(problem.scene, ContactRichScene):
-        short = _split_at_rest(segments, problem.scene.initial_window_length)
+        short = _split_at_rest(segments, problem.scene.initial_window_length, problem.scene.find_bridged_rows)
         return merge_lost_windows(problem, fit(short))
     fitted = _fit_long_segments(problem, segments, fit)
     for _ in range(_MAX_ROUNDS):
@@ -140,35 +140,55 @@ def _fit_long_segments(
     long_fit = fit(segments)
     if problem.scene.is_smooth or long_fit.lack_of_fit < _GOOD_LACK_OF_FIT:
         return long_fit
-    short = tuple(part for segment in segments for part in _split_segment(segment, SHORT_SEGMENT_S))
+    short = tuple(
+        part for segment in segments for part in _split_segment(segment, _find_split_rows(segment, SHORT_SEGMENT_S))
+    )
     if len(short) == len(segments):
         return long_fit
     return min((long_fit, fit(segments, guess=fit(short).shared)), key=lambda one: one.cost)
 
 
-def _split_at_rest(segments: tuple[Recording, ...], span: float) -> tuple[Recording, ...]:
+def _split_at_rest(
+    segments: tuple[Recording, ...],
+    span: float,
+    find_bridged_rows: Callable[[Recording], tuple[int, ...]] = lambda _: (),
+) -> tuple[Recording, ...]:
     """Split segments, also where a recording contains only a few samples of a body that rests."""
-    return tuple(
-        part
-        for segment in segments
-        for part in _split_segment(add_rest_observations(segment, _find_split_rows(segment, span)), span, True)
-    )
+    parts: list[Recording] = []
+    for segment in segments:
+        firsts = _find_split_rows(segment, span, find_bridged_rows(segment))
+        parts += _split_segment(add_rest_observations(segment, firsts), firsts, may_leave=True)
+    return tuple(parts)
 
 
-def _find_split_rows(segment: Recording, span: float) -> IntArray:
-    """Find the first row of every part of about `span` seconds, and the row after the last one."""
+def _find_split_rows(segment: Recording, span: float, bridged: tuple[int, ...] = ()) -> IntArray:
+    """Find the first row of every part of about `span` seconds, and the row after the last one.
+
+    A part that would begin within `MIN_ROWS` of a `bridged` row begins earlier or later, so that one reaches across it:
+    what acts there at once changes no part that begins or ends with it, and short windows would hide it.
+    """
     count = min(round(float(segment.t[-1] - segment.t[0]) / span), len(segment.t) // MIN_ROWS)
-    return np.linspace(0, len(segment.t), max(count, 1) + 1).astype(np.int64)
+    firsts = np.linspace(0, len(segment.t), max(count, 1) + 1).astype(np.int64)
+    if not bridged:
+        return firsts
+    chosen = [0]
+    for first in firsts[1:-1].tolist():
+        for row in bridged:
+            if abs(first - row) < MIN_ROWS:
+                first = row + (MIN_ROWS if first >= row else -MIN_ROWS)
+        if chosen[-1] + MIN_ROWS <= first <= len(segment.t) - MIN_ROWS:
+            chosen.append(first)
+    return np.array([*chosen, len(segment.t)], np.int64)
 
 
-def _split_segment(segment: Recording, span: float, may_leave: bool = False) -> list[Recording]:
-    """Split a segment into parts of about `span` seconds, or longer where a body is rarely observed.
+def _split_segment(segment: Recording, firsts: IntArray, may_leave: bool = False) -> list[Recording]:
+    """Split a segment into parts from these first rows on, or longer ones where a body is rarely observed.
 
     With `may_leave`, a body that is not observed any more, such as a pocketed ball, is in none of the later parts.
     """
     parts: list[Recording] = []
     first = 0
-    for end in map(int, _find_split_rows(segment, span)[1:]):
+    for end in map(int, firsts[1:]):
         part = segment.select_rows(first, end)
         needed = np.asarray(segment.is_observed[first:].any(axis=0)) if may_leave else True
         if _has_enough_observations(part, needed):

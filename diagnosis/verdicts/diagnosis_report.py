@@ -318,8 +318,6 @@ def _measure_gap(
         shots = replace(shots, floor=np.full(len(shots.windows), np.nan))
     windows = shots.windows
     closure = estimate_closure(windows, sum_squares(shots.before), sum_squares(shots.after), shots.floor, rng)
-    if not study.best.names and not study.unknown_evidence.has_systematic_residuals:
-        closure = replace(closure, closed=float("nan"), interval=(-1.0, 1.0), resolved=False)
     horizon = max((float(one.segment.t[-1] - one.segment.t[one.start_rows - 1]) for one in windows), default=HORIZON_S)
     before, after = (tuple(one.path for one in predictions) for predictions in (shots.before, shots.after))
     gap = Gap(

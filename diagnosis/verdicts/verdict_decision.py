@@ -1,6 +1,6 @@
 """The decision about a verdict: from the evidence of fitting and selection shots, confirmed by hold-out shots.
 
-Hold-out shots choose nothing: they only withdraw effects that they do not confirm.
+Hold-out shots choose no effect: they only withdraw what they do not confirm, that nothing is missing included.
 """
 
 from __future__ import annotations
@@ -85,6 +85,13 @@ def decide_verdict(
         reason = (
             f"hold-out shots do not confirm {format_names(names)}: {_format_share(closure.closed)} of the gap closed,"
             f" with a 95 % interval of {_format_share(low)} to {_format_share(high)} that includes nothing"
+        )
+    elif verdict == "none" and closure.resolved:
+        # a fit of other shots can hide what acts between its windows
+        verdict = "unknown" if is_rest_clear else "undecidable"
+        reason = (
+            "the fit leaves only noise, but hold-out shots are predicted with"
+            f" {closure.before / closure.floor:.1f} times the error that noise allows"
         )
     elif evidence.gap == "absent" and verdict != "none":
         reason = _explain_missing_gap(verdict, named_effects.values())

@@ -116,6 +116,11 @@ class BilliardsScene:
         """Split a recording at every strike."""
         return tuple(recording.select_rows(*rows) for rows in find_shot_rows(recording.positions, recording.sigma))
 
+    def find_bridged_rows(self, segment: Recording) -> tuple[int, ...]:
+        """Find the first row after every time jump of a segment."""
+        rows = (int(np.searchsorted(segment.t, t)) for shot, t, _ in self.jumps if shot == segment.shot)
+        return tuple(row for row in rows if 0 < row < len(segment.t))
+
     def build_model(
         self, segments: tuple[Recording, ...], forms: tuple[str, ...], jacobian_mask: BoolArray | None = None
     ) -> ShotWindows:

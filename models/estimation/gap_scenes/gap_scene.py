@@ -154,6 +154,16 @@ class ContactRichScene(Protocol):
     def initial_window_length(self) -> float:
         """s, duration of segments whose fit converges; longer ones are fitted by continuation."""
 
+    def find_bridged_rows(self, segment: Recording) -> tuple[int, ...]:
+        """Find the rows at which an effect may act at once: it shows only in a window that reaches across.
+
+        Args:
+            segment: Segment of a recording.
+
+        Returns:
+            The first row after each such moment.
+        """
+
 
 def neutral_values(scene: GapScene, forms: tuple[str, ...] | None = None) -> FloatArray:
     """Collect the parameter values of a catalogue with every effect absent.

@@ -386,7 +386,8 @@ def format_gap_closure(report: DiagnosisReport) -> str:
             f"The rms error {span} goes from {before} to {after}; how much of that is attainable is unknown, because"
             f" {gap.floor_reason}."
         )
-    if report.verdict == "unknown" and not closing.after < closing.before:
+    is_open = report.verdict == "unknown" or (report.verdict == "undecidable" and closing.resolved)
+    if is_open and not closing.after < closing.before:
         return (
             f"The rms error of the simulator {span} is {before} (attainable: {floor}); no effect that trueroll knows"
             " reduces it."

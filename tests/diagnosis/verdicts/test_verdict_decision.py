@@ -36,7 +36,6 @@ def test_enough_shots_are_the_fewest_that_can_agree_better_than_chance() -> None
 @pytest.mark.parametrize(
     ("evidence", "effects", "verdict"),
     [
-        (NOISE, (), "none"),
         (NOISE, (effect("slope"),), "effects"),
         (NOISE, (effect("slope", group=("air_drag",)),), "group"),
         (SYSTEMATIC, (), "unknown"),
@@ -73,6 +72,16 @@ def test_without_a_gap_an_effect_needs_shots_that_agree(one: CandidateEffect, ve
     decided = decide(one, evidence=replace(NOISE, gap="absent"), closure=UNKNOWN_CLOSURE)
     assert decided.verdict == verdict
     assert words in decided.reason
+
+
+def test_nothing_is_missing_only_where_hold_out_shots_resolve_no_gap() -> None:
+    """A fit may hide what acts between its windows: the verdict was `none` with 54 mm where 2.9 are attainable."""
+    assert decide(closure=UNKNOWN_CLOSURE).verdict == "none"
+    for gap in ("unmeasured", "shown", "absent"):
+        for is_clear in (False, True):
+            decided = decide_verdict(replace(NOISE, gap=gap), {}, PROBABILITIES, CLOSED, (), 12, is_rest_clear=is_clear)
+            assert decided.verdict == ("unknown" if is_clear and gap != "absent" else "undecidable")
+            assert "7.5 times" in decided.reason
 
 
 def test_hold_out_shots_withdraw_effects_that_may_close_nothing() -> None:
