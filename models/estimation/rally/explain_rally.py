@@ -33,6 +33,8 @@ from models.physics.flight.flight_motion import PARAMETER_COUNT
 _EVIDENCE_SHARE = 0.5
 # Natural logarithm of the evidence by which a rival may be worse, and their largest number.
 _WORST_RIVAL, _MOST_RIVALS = 16.0, 8
+# Probability from which an event is stated: what is less probable than not did not happen.
+_LEAST_EVENT = 0.5
 # Sequences of flights that are fitted wholly.
 _MOST_SEQUENCES = 2
 
@@ -131,4 +133,5 @@ def _combine(rallies: list[Rally], weights: FloatArray, t: FloatArray, doubts: t
         for rally, weight in zip(rallies, weights, strict=True)
     ]
     landings, nothing = merge_landings(pairs)
+    events = [event for event in events if event.probability >= _LEAST_EVENT]
     return replace(best, events=tuple(events), landings=landings, no_landing=nothing)

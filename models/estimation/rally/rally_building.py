@@ -95,6 +95,7 @@ def build_rally(
     flights: list[Flight] = []
     events: list[RallyEvent] = []
     rally = _fill_places(scene, candidates, frame, t, sight, used)
+    chances = _weigh_flights(candidates, sight, fit, used)
     for k in range(count):
         part, at = flight_slice(k), start_row(k, count)
         p, start, kind = values[part], float(values[at]), structure.kinds[k]
@@ -103,7 +104,8 @@ def build_rally(
         columns = np.append(np.arange(part.start, part.stop), at)
         block = covariance[np.ix_(columns, columns)]
         if structure.joined[k] and kind is not None:
-            events.append(_build_event(kind, block, p, start, flights[-1], sport))
+            chance = chances[k - 1] * chances[k]
+            events.append(_build_event(kind, block, p, start, flights[-1], sport, chance))
             if kind == "landing":
                 # how a shuttle hops is hardly known, and so is the moment between two frames at which it lands
                 velocity = fly_flight(flights[-1], np.array([start]), sport.object).states[0, 3:] * [1, 1, 0]
@@ -116,13 +118,27 @@ def build_rally(
         flights.append(Flight(start, end, p, to_fixed @ block @ to_fixed.T, turns, chi2[k]))
         if not structure.joined[k]:
             event = _build_first_hit(scene, flights[-1], rally, interval)
-            events += [event] if event is not None else []
+            events += [replace(event, probability=event.probability * chances[k])] if event is not None else []
     events = _drop_tosses(flights, events, sport)
     last_seen = float(sight.observed.t[np.searchsorted(sight.observed.t, flights[-1].end + 1e-9) - 1])
     landing = _finish(flights, events, sport, last_seen, interval, float(t[-1]))
+    if landing is not None:
+        landing = replace(landing, weight=landing.weight * chances[len(flights) - 1])
     nothing = 1.0 if landing is None else 1 - landing.weight
     landings = () if landing is None else (landing,)
     return replace(rally, flights=tuple(flights), events=tuple(events), landings=landings, no_landing=nothing)
+
+
+def _weigh_flights(candidates: BallCandidates, sight: Sight, fit: RallyFit, used: BoolArray) -> list[float]:
+    """Compute the probability of each flight that any of the places it explains shows the object, by their looks.
+
+    A path through things that look like nothing may be smooth by chance, or because a limb moves smoothly.
+    """
+    score = candidates.score[sight.chosen[sight.rows]]
+    return [
+        float(1 - np.prod(1 - score[rows[used[rows]]]))
+        for rows in assign_times(sight.observed.t, fit.structure, fit.values)
+    ]
 
 
 def _fill_places(
@@ -139,9 +155,12 @@ def _fill_places(
 
 
 def _build_event(
-    kind: RallyEventKind, block: FloatArray, p: FloatArray, start: float, before: Flight, sport: Sport
+    kind: RallyEventKind, block: FloatArray, p: FloatArray, start: float, before: Flight, sport: Sport, chance: float
 ) -> RallyEvent:
-    """Build the event between two flights; `block` (12, 12) is the covariance of the second one and of its start."""
+    """Build the event between two flights, which are both of the object with the probability `chance`.
+
+    `block` (12, 12) is the covariance of the second flight and of its start.
+    """
     if kind == "hit":
         velocity, spread = p[3:6], block[3:6, 3:6]
     else:
@@ -156,7 +175,7 @@ def _build_event(
         float(np.sqrt(block[-1, -1])),
         p[:3].copy(),
         block[:3, :3].copy(),
-        _LOW_HIT if kind == "hit" and _is_low(p[:3], float(np.sqrt(block[2, 2])), sport) else 1.0,
+        chance * (_LOW_HIT if kind == "hit" and _is_low(p[:3], float(np.sqrt(block[2, 2])), sport) else 1.0),
         speed,
         float(np.sqrt(along @ spread @ along)),
         name_player(p[:3], sport) if kind == "hit" else "",
