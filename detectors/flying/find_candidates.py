@@ -22,6 +22,9 @@ LEAST_SCORE = 0.003
 # Working px within which two candidates are one, besides half their streaks.
 ONE_PLACE_PX = 3.0
 
+# Frames from which motion is told from noise: one before and one after.
+LEAST_FRAMES = 3
+
 
 def find_candidates(clip: Clip, scene: CourtScene, progress: Progress = ignore_progress) -> BallCandidates:
     """Find where the ball or shuttle may be seen.
@@ -36,10 +39,13 @@ def find_candidates(clip: Clip, scene: CourtScene, progress: Progress = ignore_p
     Returns:
         Candidates sorted by frame and, within a frame, by falling score; px of the frames.
     """
+    count = len(clip.distinct_frames)
+    if count < LEAST_FRAMES:
+        nothing = np.empty(0)
+        return BallCandidates(np.empty(0, np.int64), np.empty((0, 2)), np.empty((0, 2)), nothing, nothing, nothing)
     scale = choose_scale(scene)
     people = PeopleFinder(scene, scale)
     rows = [np.empty((0, 8))]
-    count = len(clip.distinct_frames)
     for k, window in enumerate(list_windows(clip, scene.camera, scale)):
         people.add_window(window)
         rows.append(_judge_frame(window, scene, scale))

@@ -41,5 +41,6 @@ SPORT = Sport(
     floor=-HEIGHT,
     reach=2.6,
     surroundings=(3.0, 2.0),
+    serves_on_own_half=True,
     is_filmed_from_side=True,
 )  # fmt: skip

@@ -15,11 +15,14 @@ from models.core.errors import OptionError
 from models.core.number_format import format_probability, format_speed, format_with_sigma
 from models.core.rally import Rally
 from models.estimation.rally.landing_judgement import LandingCall, judge_landing, judge_net
+from models.estimation.rally.stroke_summary import find_service
 from pipeline.actions.answer_call import open_run_clip
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.reporting.text.rally_sentences import describe_landing_call, format_crossing, format_landing
 
 QUESTIONS = ("landing", "net")
+# The area of a service, which is the first stroke of a rally.
+SERVICE_BOX = "service-box"
 
 
 def answer_rally_call(
@@ -51,10 +54,16 @@ def answer_rally_call(
     require_writable_folder(target)
     if kind == "net":
         return _answer_net(rally)
+    name = area or (rest[0] if rest else None)
     try:
-        call = judge_landing(rally, area or (rest[0] if rest else None))
+        call = find_service(rally, name) if name == SERVICE_BOX else judge_landing(rally, name)
     except ValueError as error:
         raise OptionError(str(error)) from error
+    if call is None:
+        raise OptionError(
+            "the first stroke of this rally was returned before it landed, or is not known, so the service cannot be"
+            " judged; ask landing for the last stroke"
+        )
     return _answer_landing(rally, call, folder, clip, target)
 
 

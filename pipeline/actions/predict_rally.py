@@ -54,7 +54,8 @@ def predict_rally(rally: Rally, seconds: float, at: float | None, folder: Path) 
     path = _continue_from(past, t, seconds)
     name, call = rally.scene.sport.object.name, judge_landing(past)
     words = format_landing(call, past)
-    later = own[(rally.t[own] > t + 1e-9) & (rally.t[own] <= path.t[-1])]
+    until = min((one.t for one in rally.events if one.t > t), default=np.inf)  # what comes then was not foreseen
+    later = own[(rally.t[own] > t + 1e-9) & (rally.t[own] <= min(path.t[-1], until))]
     error = _compare_later(rally, path, later)
     document = {
         "schema": "trueroll.flight_prediction/1", "t": t, "until": float(path.t[-1]), "object": name,

@@ -151,6 +151,8 @@ def _choose_sports(name: str | None) -> list[Sport]:
 
 
 def _sample_frames(clip: Clip) -> NDArray[np.int64]:
+    if not len(clip.distinct_frames):
+        raise ClipError(f"{clip.path.name} has no frame that can be used")
     places = np.unique(np.linspace(0, len(clip.distinct_frames) - 1, SAMPLED_FRAMES).round().astype(int))
     return np.asarray(clip.distinct_frames[places], np.int64)
 

@@ -91,6 +91,8 @@ def estimate_court_motion(
         tracker = _Tracker(sport, camera, grey) if tracker is None else tracker
         tracker.follow([(number, grey)], turns, errors)
     is_measured = np.isfinite(turns[:, 0])
+    is_measured[reference] = True  # the reference does not turn, though nothing be seen to follow
+    turns[reference] = np.where(np.isfinite(turns[reference]), turns[reference], 0.0)
     place = np.arange(count)
     turns = np.column_stack([np.interp(place, place[is_measured], column[is_measured]) for column in turns.T])
     return _smooth(turns, float(np.exp(camera.parameters[6]))), is_measured, errors

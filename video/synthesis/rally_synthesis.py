@@ -93,6 +93,7 @@ class RallyTimeline:
         places = self.project(evaluate_rally(self.rally, t).xyz, t if frame_t is None else frame_t)
         rows, share = self.locate_times(t)
         between = self.filmed[rows] + share[:, None] * (self.filmed[rows + 1] - self.filmed[rows])
+        between = np.where(share[:, None] == 1, self.filmed[rows + 1], between)
         return np.where(np.isfinite(places), places, np.where(share[:, None] == 0, self.filmed[rows], between))
 
     def camera_step(self, first: int, second: int) -> FloatArray | None:

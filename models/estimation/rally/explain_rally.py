@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from models.core.court import Sport
 from models.core.court_camera import CourtScene
 from models.core.progress import Progress
 from models.core.rally import BallCandidates, Rally
@@ -20,12 +21,12 @@ from models.estimation.rally.flight_observations import (
     stabilize_places,
 )
 from models.estimation.rally.flight_segmentation import segment_rally
-from models.estimation.rally.guided_association import choose_candidates, look_at_candidates
+from models.estimation.rally.guided_association import Sight, choose_candidates, look_at_candidates
 from models.estimation.rally.image_association import associate_candidates
 from models.estimation.rally.initial_flights import align_flights
 from models.estimation.rally.landing_hypotheses import merge_landings
-from models.estimation.rally.rally_building import build_rally
-from models.estimation.rally.rally_revision import Doubt, revise_structure, weigh_fit
+from models.estimation.rally.rally_building import build_rally, weigh_flights
+from models.estimation.rally.rally_revision import Doubt, leave_out_flights, revise_structure, weigh_fit
 from models.physics.flight.flight_motion import PARAMETER_COUNT
 
 # Natural logarithm of the probability that an explanation is right although another fits better by as much: evidence
@@ -77,7 +78,7 @@ def explain_rally(
         sight = look_at_candidates(scene, candidates, frame, t, chosen)
         refined = (refine_fit(sight.observed, sport, fit.structure, fit.values) for fit in fits)
         fits = [fit for fit in refined if fit is not None] or fits
-    fits = _select_fits(fits, sight.observed)
+    fits = [_leave_out_unlikely(fit, sight, candidates, sport) for fit in _select_fits(fits, sight.observed)]
     evidence = np.array([weigh_fit(fit, sight.observed) for fit in fits])
     order = np.argsort(-evidence, kind="stable")
     weights = np.exp(_EVIDENCE_SHARE * (evidence[order] - evidence.max()))
@@ -85,6 +86,15 @@ def explain_rally(
     rallies = [build_rally(scene, candidates, frame, t, sight, fits[k]) for k in order]
     progress(1.0)
     return _combine(rallies, weights, t, revised.doubts)
+
+
+def _leave_out_unlikely(fit: RallyFit, sight: Sight, candidates: BallCandidates, sport: Sport) -> RallyFit:
+    """Leave out flights that probably show something else, so that they do not bend their neighbours."""
+    chances = np.array(weigh_flights(candidates, sight, fit, np.ones(len(sight.rows), np.bool_)))
+    if (chances >= _LEAST_EVENT).all() or not (chances >= _LEAST_EVENT).any():
+        return fit
+    structure, values = leave_out_flights(fit.structure, fit.values, chances < _LEAST_EVENT)
+    return refine_fit(sight.observed, sport, structure, values) or fit
 
 
 def _select_fits(fits: list[RallyFit], observed: FlightObservations) -> list[RallyFit]:
@@ -133,5 +143,7 @@ def _combine(rallies: list[Rally], weights: FloatArray, t: FloatArray, doubts: t
         for rally, weight in zip(rallies, weights, strict=True)
     ]
     landings, nothing = merge_landings(pairs)
-    events = [event for event in events if event.probability >= _LEAST_EVENT]
+    hits = [event.t for event in events if event.kind == "hit"]
+    # the last hit decides in which half a landing is good, however doubtful it is
+    events = [event for event in events if event.probability >= _LEAST_EVENT or event.t == max(hits, default=None)]
     return replace(best, events=tuple(events), landings=landings, no_landing=nothing)

@@ -397,6 +397,8 @@ class _Problem:
             self.normalizer += float(np.log(max(-state[5], 0.05)))
         else:
             add(0 * unit[0], unit[0], p[0] - sport.length / 2, NET_DEPTH)
+            edge = float(sport.net.height_at(p[1:2], sport.width)[0]) + item.radius
+            add(0 * unit[0], unit[2] * (p[2] > edge), max(p[2] - edge, 0.0), _EDGE_SOFTNESS)
             sigma = float(NET_SHARES[1] * np.linalg.norm(state[3:]) + 0.5)
             for axis in (3, 4, 5):
                 add(-NET_SHARES[0] * unit[axis], unit[axis], p[axis] - NET_SHARES[0] * state[axis], sigma)

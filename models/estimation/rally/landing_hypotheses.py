@@ -9,7 +9,7 @@ import numpy as np
 from models.core.court import Sport
 from models.core.rally import Flight, LandingHypothesis, RallyEvent
 from models.core.typing import FloatArray
-from models.estimation.rally.rally_views import find_surface_contact
+from models.estimation.rally.rally_views import CONTACT_TIME, find_surface_contact
 from models.physics.flight.flight_motion import fly
 
 # 1/s by which a flight that is no longer seen ends otherwise: a hit, the net, or a player in the way.
@@ -34,7 +34,9 @@ def predict_landing(flight: Flight, sport: Sport, last_seen: float, interval: fl
         The landing with the probability that the flight gets there; None where it does not come down.
     """
     turn_length = sport.object.turn_length if flight.begins_with_hit else 0.0
-    tau = find_surface_contact(flight.parameters, flight.begins_with_hit, sport, max(last_seen - flight.start, 0.0))
+    # a place that was fitted some millimetres below the surface has touched it just before
+    after = max(last_seen - flight.start - CONTACT_TIME, 0.0)
+    tau = find_surface_contact(flight.parameters, flight.begins_with_hit, sport, after)
     if not np.isfinite(tau):
         return None
     path = fly(flight.parameters, np.array([tau]), turn_length)
@@ -71,14 +73,38 @@ def find_landing(
         The landing, its weight being the probability that it happens if the explanation is right.
     """
     hits = [k for k, event in enumerate(events) if event.kind == "hit"]
-    for event in events[hits[-1] + 1 if hits else 0 :]:
-        if event.kind in ("bounce", "landing"):
-            gap = max(event.t - last_seen, 0.0)
-            weight = float(np.exp(-_HAZARD * max(gap - _FREE_FRAMES * interval, 0.0)))
-            return LandingHypothesis(
-                weight, event.t, event.t_sigma, event.place, event.covariance, gap <= _SEEN_FRAMES * interval
-            )
+    touch = find_first_touch(events, hits[-1] if hits else -1, sport)
+    if touch is not None:
+        gap = max(touch.t - last_seen, 0.0)
+        weight = float(np.exp(-_HAZARD * max(gap - _FREE_FRAMES * interval, 0.0)))
+        return LandingHypothesis(
+            weight, touch.t, touch.t_sigma, touch.place, touch.covariance, gap <= _SEEN_FRAMES * interval
+        )
     return predict_landing(flights[-1], sport, last_seen, interval) if flights else None
+
+
+def find_first_touch(events: tuple[RallyEvent, ...], hit: int, sport: Sport) -> RallyEvent | None:
+    """Find where the object first touches the surface after a hit, before the next one.
+
+    Args:
+        events: Events, in the order of time.
+        hit: Index of the hit; -1 for the begin of the clip.
+        sport: Sport. A service of table tennis touches the half of the server first, which decides nothing.
+
+    Returns:
+        The bounce or landing; None without one.
+    """
+    is_service = sport.serves_on_own_half and not any(event.kind == "hit" for event in events[: max(hit, 0)])
+    for event in events[hit + 1 :]:
+        if event.kind == "hit":
+            return None
+        if event.kind in ("bounce", "landing"):
+            middle = sport.length / 2
+            if is_service and hit >= 0 and (event.place[0] > middle) == (events[hit].place[0] > middle):
+                is_service = False
+                continue
+            return event
+    return None
 
 
 def merge_landings(

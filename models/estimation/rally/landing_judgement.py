@@ -118,7 +118,8 @@ def judge_landing(rally: Rally, area: str | None = None) -> LandingCall:
         for one in landings
         for rectangles, share in targets
     )
-    weight = sum(one.weight for one in landings)
+    # where the last hit is doubtful, so is the half in which a landing is good
+    weight = sum(one.weight for one in landings) * sum(share for _, share in targets)
     doubt = None if best is None else _find_doubt(rally, best)
     probability = float(np.clip(inside, 0.0, weight)) if doubt is None else INDIFFERENT * weight
     out = float(weight - probability)
@@ -204,7 +205,7 @@ def find_last_hit(rally: Rally, before: float = math.inf) -> RallyEvent | None:
 def _weigh_targets(
     rally: Rally, area: str, best: LandingHypothesis | None
 ) -> list[tuple[tuple[Rectangle, ...], float]]:
-    """Weigh the sets of rectangles in which a landing may be good; shares add to 1.
+    """Weigh the sets of rectangles in which a landing may be good; shares add to the probability of the last hit.
 
     A landing is good in the half opposite to the hitter, and a service in the box diagonally opposite.
     """
@@ -215,11 +216,12 @@ def _weigh_targets(
         return [(sport.areas[area], 1.0)]
     here = tuple(one for one in sport.areas[area] if ((one[0] + one[2]) / 2 > sport.length / 2) == is_far)
     sides = {(one[1] + one[3]) / 2 > sport.width / 2 for one in here}
+    sure = 1.0 if hit is None else hit.probability
     if len(here) < 2 or len(sides) < 2 or hit is None:
-        return [(here, 1.0)]
+        return [(here, sure)]
     sigma = max(math.sqrt(float(hit.covariance[1, 1])), LEAST_SIGMA)
     from_low = float(ndtr((sport.width / 2 - hit.place[1]) / sigma))
-    diagonal = {True: from_low, False: 1 - from_low}  # from small y to large y, and back
+    diagonal = {True: sure * from_low, False: sure * (1 - from_low)}  # from small y to large y, and back
     return [
         (tuple(one for one in here if ((one[1] + one[3]) / 2 > sport.width / 2) == high), share)
         for high, share in diagonal.items()
@@ -230,7 +232,13 @@ def _find_direction(rally: Rally, hit: RallyEvent | None, best: LandingHypothesi
     """Find whether the object was hit towards larger x; None where nothing tells."""
     if hit is not None and hit.player:
         return hit.player in FORWARD
-    flights = [one for one in rally.flights if best is None or one.start < best.t]
+    # a flight that begins at the net has turned round there
+    turns = [one.t for one in rally.events if one.kind == "net"]
+    flights = [
+        one
+        for one in rally.flights
+        if (best is None or one.start < best.t) and not any(abs(one.start - t) < SAME_MOMENT_S for t in turns)
+    ]
     if flights:
         return bool(flights[-1].parameters[3] > 0)
     return None

@@ -95,7 +95,7 @@ def build_rally(
     flights: list[Flight] = []
     events: list[RallyEvent] = []
     rally = _fill_places(scene, candidates, frame, t, sight, used)
-    chances = _weigh_flights(candidates, sight, fit, used)
+    chances = weigh_flights(candidates, sight, fit, used)
     for k in range(count):
         part, at = flight_slice(k), start_row(k, count)
         p, start, kind = values[part], float(values[at]), structure.kinds[k]
@@ -123,20 +123,22 @@ def build_rally(
     last_seen = float(sight.observed.t[np.searchsorted(sight.observed.t, flights[-1].end + 1e-9) - 1])
     landing = _finish(flights, events, sport, last_seen, interval, float(t[-1]))
     if landing is not None:
-        landing = replace(landing, weight=landing.weight * chances[len(flights) - 1])
+        is_seen = landing.is_seen and landing.t <= t[-1]
+        landing = replace(landing, weight=landing.weight * chances[len(flights) - 1], is_seen=is_seen)
     nothing = 1.0 if landing is None else 1 - landing.weight
     landings = () if landing is None else (landing,)
     return replace(rally, flights=tuple(flights), events=tuple(events), landings=landings, no_landing=nothing)
 
 
-def _weigh_flights(candidates: BallCandidates, sight: Sight, fit: RallyFit, used: BoolArray) -> list[float]:
+def weigh_flights(candidates: BallCandidates, sight: Sight, fit: RallyFit, used: BoolArray) -> list[float]:
     """Compute the probability of each flight that any of the places it explains shows the object, by their looks.
 
-    A path through things that look like nothing may be smooth by chance, or because a limb moves smoothly.
+    A path through things that look like nothing may be smooth by chance, or because a limb moves smoothly. A flight
+    between two events of one frame has no places, and is as probable as its neighbours.
     """
     score = candidates.score[sight.chosen[sight.rows]]
     return [
-        float(1 - np.prod(1 - score[rows[used[rows]]]))
+        float(1 - np.prod(1 - score[rows[used[rows]]])) if len(rows) else 1.0
         for rows in assign_times(sight.observed.t, fit.structure, fit.values)
     ]
 
@@ -239,7 +241,8 @@ def _build_first_hit(scene: CourtScene, flight: Flight, rally: Rally, interval: 
 def _drop_tosses(flights: list[Flight], events: list[RallyEvent], sport: Sport) -> list[RallyEvent]:
     """Leave out the first hits while they drive the object nowhere: a hand throws it up, or carries it."""
     while len(events) > 1 and events[0].kind == "hit" and events[1].kind == "hit":
-        if abs(events[1].place[0] - events[0].place[0]) > _TOSS_SHARE * sport.length:
+        crosses = (events[0].place[0] > sport.length / 2) != (events[1].place[0] > sport.length / 2)
+        if crosses or abs(events[1].place[0] - events[0].place[0]) > _TOSS_SHARE * sport.length:
             break
         events = events[1:]
     return events

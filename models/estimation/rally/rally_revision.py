@@ -13,7 +13,7 @@ import numpy as np
 
 from models.core.court import Sport
 from models.core.rally import RallyEventKind
-from models.core.typing import FloatArray
+from models.core.typing import BoolArray, FloatArray
 from models.estimation.rally.event_evidence import name_contact
 from models.estimation.rally.flight_fit import (
     RallyFit,
@@ -122,6 +122,27 @@ def weigh_fit(fit: RallyFit, observed: FlightObservations) -> float:
     """Return the evidence of a fit, the observations that it leaves as clutter included."""
     explained = sum(len(rows) for rows in assign_times(observed.t, fit.structure, fit.values))
     return fit.evidence - CLUTTER_COST * (len(observed) - explained)
+
+
+def leave_out_flights(
+    structure: RallyStructure, values: FloatArray, is_out: BoolArray
+) -> tuple[RallyStructure, FloatArray]:
+    """Leave out flights (F,): what follows one is joined to nothing, and what precedes it ends where it began."""
+    count, stays = len(structure), ~is_out
+    starts = values[start_row(0, count) :]
+    begin, end, joined = structure.begin.copy(), structure.end.copy(), np.array(structure.joined)
+    for k in range(1, count):
+        if joined[k] and is_out[k - 1] != is_out[k]:
+            joined[k], begin[k], end[k - 1] = False, starts[k], starts[k]
+    rest = RallyStructure(
+        tuple(kind for kind, stay in zip(structure.kinds, stays, strict=True) if stay),
+        tuple(joined[stays].tolist()),
+        begin[stays],
+        end[stays],
+        structure.heights[stays],
+    )
+    parts = [values[flight_slice(k)] for k in range(count) if stays[k]]
+    return rest, np.concatenate([values[:1], *parts, starts[stays]])
 
 
 def goes_on_after_landing(structure: RallyStructure) -> bool:

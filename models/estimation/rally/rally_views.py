@@ -12,7 +12,7 @@ from models.core.typing import FloatArray
 from models.physics.flight.flight_motion import find_descent, fly, fly_flight
 
 # s by which a flight may end on the surface too early or too late.
-_CONTACT_TIME = 0.03
+CONTACT_TIME = 0.03
 # s up to which a flight is continued: the highest lobs last less.
 _LONGEST_FLIGHT = 6.0
 
@@ -57,7 +57,7 @@ def continue_flight(rally: Rally, index: int, seconds: float, step: float = 0.01
     """
     flight, sport = rally.flights[index], rally.scene.sport
     # a flight that ends in a bounce is there already
-    ahead = max(flight.end - flight.start - _CONTACT_TIME, 0.0)
+    ahead = max(flight.end - flight.start - CONTACT_TIME, 0.0)
     contact = find_surface_contact(flight.parameters, flight.begins_with_hit, sport, ahead)
     last = min(flight.end + seconds, flight.start + contact) if np.isfinite(contact) else flight.end + seconds
     count = max(int(np.ceil((last - flight.end) / step)), 1)

@@ -8,17 +8,14 @@ import numpy as np
 
 from models.core.rally import LandingHypothesis, Rally, RallyEvent
 from models.core.typing import FloatArray
+from models.estimation.rally.landing_hypotheses import find_first_touch, predict_landing
 from models.estimation.rally.landing_judgement import LandingCall, NetCrossing, judge_landing, judge_net
-from models.estimation.rally.rally_views import PlacesInSpace, continue_flight, evaluate_rally
+from models.estimation.rally.rally_views import PlacesInSpace, evaluate_rally
 
 # s between the places among which the highest is sought: at the apex, an object rises by 1 mm in that time.
 APEX_STEP_S = 0.01
-# s up to which a flight that was returned is continued.
-LONGEST_FLIGHT_S = 5.0
 # s by which the start of a flight and its hit may differ by rounding.
 SAME_TIME_S = 1e-6
-# m above the surface at which a continued flight has reached it.
-ON_SURFACE = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,28 +58,41 @@ def _summarize_stroke(
         if np.isfinite(path.xyz[:, 2]).any():
             highest = int(np.nanargmax(path.xyz[:, 2]))
             apex, sigma = path.xyz[highest], float(np.sqrt(path.covariance[highest, 2, 2]))
-    landing = _find_landing(rally, hit, end, own)
+    landing = _find_landing(rally, hit, own, end == np.inf)
     call = None
     if landing is not None:
         until = tuple(one for one in rally.events if one.t <= hit.t)
-        call = judge_landing(replace(rally, events=until, landings=(landing,), no_landing=1 - landing.weight), area)
+        flights = rally.flights[: own[-1] + 1] if own else ()
+        part = replace(rally, events=until, flights=flights, landings=(landing,), no_landing=1 - landing.weight)
+        call = judge_landing(part, area)
     return Stroke(hit, last, apex, sigma, net, call)
 
 
-def _find_landing(rally: Rally, hit: RallyEvent, end: float, flights: list[int]) -> LandingHypothesis | None:
-    """Find where the stroke from a hit to a time, s, first touched the surface, or would have; None where unknown."""
-    for one in rally.events:
-        if one.kind in ("bounce", "landing") and hit.t < one.t < end:
-            return LandingHypothesis(1.0, one.t, one.t_sigma, one.place, one.covariance, True)
-    if end == np.inf and rally.landings:
+def _find_landing(rally: Rally, hit: RallyEvent, flights: list[int], is_last: bool) -> LandingHypothesis | None:
+    """Find where a stroke first touched the surface, or would have had nobody returned it; None where unknown."""
+    if is_last and rally.landings:
         return rally.landings[0]
-    path = continue_flight(rally, flights[-1], LONGEST_FLIGHT_S) if flights else None
-    if path is None or not np.isfinite(path.covariance[-1]).all():
+    touch = find_first_touch(rally.events, rally.events.index(hit), rally.scene.sport)
+    if touch is not None:
+        return LandingHypothesis(1.0, touch.t, touch.t_sigma, touch.place, touch.covariance, True)
+    if not flights:
         return None
-    height = float(path.xyz[-1, 2]) - rally.scene.sport.object.radius
-    is_down = min(abs(height), abs(height - rally.scene.sport.floor)) < ON_SURFACE
-    t = float(path.t[-1])
-    return LandingHypothesis(1.0, t, np.nan, path.xyz[-1], path.covariance[-1], False) if is_down else None
+    flight = rally.flights[flights[-1]]
+    landing = predict_landing(flight, rally.scene.sport, flight.end, float(np.median(np.diff(rally.t))))
+    return None if landing is None else replace(landing, weight=1.0, is_seen=False)
+
+
+def find_service(rally: Rally, area: str) -> LandingCall | None:
+    """Judge the first stroke of a rally as a service that may have been played on after it landed.
+
+    Returns:
+        The call; None where the rally has no stroke, or where the service was returned before it landed.
+    """
+    hits = [k for k, event in enumerate(rally.events) if event.kind == "hit"]
+    touch = find_first_touch(rally.events, hits[0], rally.scene.sport) if hits else None
+    if len(hits) == 1:
+        return judge_landing(rally, area)
+    return None if touch is None else summarize_strokes(rally, area)[0].call
 
 
 def find_current_stroke(strokes: tuple[Stroke, ...], t: float) -> int:

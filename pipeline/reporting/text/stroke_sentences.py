@@ -111,7 +111,7 @@ def _format_doubt(stroke: Stroke) -> str:
 def format_net(stroke: Stroke) -> str:
     """Format how high a stroke crossed the net."""
     if stroke.net is None:
-        return "did not cross it"
+        return NOT_KNOWN
     if stroke.net.is_touch:
         return "touched it"
     height = format_distance(stroke.net.height, stroke.net.height_sigma)
