@@ -123,7 +123,7 @@ def build_rally(
     last_seen = float(sight.observed.t[np.searchsorted(sight.observed.t, flights[-1].end + 1e-9) - 1])
     landing = _finish(flights, events, sport, last_seen, interval, float(t[-1]))
     if landing is not None:
-        is_seen = landing.is_seen and landing.t <= t[-1]
+        is_seen = landing.is_seen and bool(landing.t <= t[-1])
         landing = replace(landing, weight=landing.weight * chances[len(flights) - 1], is_seen=is_seen)
     nothing = 1.0 if landing is None else 1 - landing.weight
     landings = () if landing is None else (landing,)
