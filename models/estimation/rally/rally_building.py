@@ -27,6 +27,8 @@ _UNSEEN_START = 0.8
 # Probability of a hit within this height, m, and four standard deviations of the surface: few strokes are so low, and
 # in foreign simulations those that were wrong were bounces there.
 _LOW_HIT, _LOW_HEIGHT = 0.9, 0.1
+# Places from which the looks of a flight are judged: a hit blurs two or three.
+_JUDGED_PLACES = 4
 # Frames by which the moment of a landing is known at best.
 _LANDING_FRAMES = 0.3
 # s before a flight in which the object may last have been seen, in a hand.
@@ -134,11 +136,11 @@ def weigh_flights(candidates: BallCandidates, sight: Sight, fit: RallyFit, used:
     """Compute the probability of each flight that any of the places it explains shows the object, by their looks.
 
     A path through things that look like nothing may be smooth by chance, or because a limb moves smoothly. A flight
-    between two events of one frame has no places, and is as probable as its neighbours.
+    of few places, such as a service before it bounces, cannot be told by looks, and is as probable as its neighbours.
     """
     score = candidates.score[sight.chosen[sight.rows]]
     return [
-        float(1 - np.prod(1 - score[rows[used[rows]]])) if len(rows) else 1.0
+        float(1 - np.prod(1 - score[rows[used[rows]]])) if len(rows) >= _JUDGED_PLACES else 1.0
         for rows in assign_times(sight.observed.t, fit.structure, fit.values)
     ]
 
