@@ -64,7 +64,7 @@ def stage_rally(
     speed = float(np.linalg.norm(end[3:]))
     kind: RallyEventKind = "landing" if sport.object.restitution is None else "bounce"
     events = (
-        RallyEvent("hit", flight.start, 0.004, np.array(start), np.diag([0.05, 0.05, 0.05]) ** 2, 0.99,
+        RallyEvent("hit", flight.start, 0.004, np.array(start), np.diag([0.05, 0.05, 0.05]) ** 2, 1.0,
                    float(np.linalg.norm(flight.parameters[3:6])), 0.4, player),
         RallyEvent(kind, flight.end, 0.003, place, covariance, 1 - no_landing, speed, 0.2),
     )  # fmt: skip

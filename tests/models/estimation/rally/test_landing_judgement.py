@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from support.staged_rally import stage_rally
 
-from models.core.rally import LandingHypothesis, Rally
+from models.core.rally import LandingHypothesis, Rally, RallyEvent, RallyEventKind
+from models.estimation.rally.landing_hypotheses import find_first_touch
 from models.estimation.rally.landing_judgement import judge_landing, judge_net
 from models.physics.flight.flight_motion import fly
 from models.sports.sport_catalogue import find_sports
@@ -178,3 +179,25 @@ def test_a_rally_that_is_mostly_unexplained_decides_nothing() -> None:
         call = judge_landing(replace(rally, flights=(wrong, flight)))
         assert call.reason == reason
         assert (call.verdict == "undecided") == (reason is not None)
+
+
+def test_a_doubtful_last_hit_decides_nothing() -> None:
+    rally = stage_rally(BADMINTON, (13.0, 3.0), sigma=(0.03, 0.02))
+    hit = replace(rally.events[0], probability=0.6)
+    call = judge_landing(replace(rally, events=(hit, *rally.events[1:])))
+    assert call.verdict == "undecided"
+    assert call.probability + call.out_probability == pytest.approx(0.6)
+
+
+def test_a_service_of_table_tennis_is_judged_where_it_touches_the_other_half() -> None:
+    def event(kind: RallyEventKind, t: float, x: float) -> RallyEvent:
+        return RallyEvent(kind, t, 0.01, np.array([x, 0.7, 0.02]), np.eye(3) * 1e-4, 1.0, 5.0, 0.1)
+
+    served = (event("hit", 0.0, -0.2), event("bounce", 0.2, 0.6), event("bounce", 0.5, 2.2))
+    touch = find_first_touch(served, 0, TABLE_TENNIS)
+    assert touch is not None
+    assert touch.place[0] == 2.2
+    returned = (*served, event("hit", 0.7, 2.9), event("bounce", 0.9, 2.5))
+    touch = find_first_touch(returned, 3, TABLE_TENNIS)
+    assert touch is not None
+    assert touch.t == 0.9, "only a service may touch the own half"
