@@ -12,9 +12,10 @@ from PIL import Image
 
 from models.core.answer import Answer, Quantity
 from models.core.errors import OptionError
-from models.core.number_format import format_probability, format_speed, format_with_sigma
+from models.core.number_format import format_probability, format_speed
 from models.core.rally import Rally
 from models.estimation.rally.landing_judgement import LandingCall, judge_landing, judge_net
+from models.estimation.rally.landing_margin import format_distance
 from models.estimation.rally.stroke_summary import find_service
 from pipeline.actions.answer_call import open_run_clip
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
@@ -116,8 +117,8 @@ def _answer_net(rally: Rally) -> Answer:
         return Answer(question, (text,), document={"question": "net", "asked": question, "crossings": []})
     last = crossings[-1]
     rows = [
-        (f"{one.t:.2f} s", f"{format_with_sigma(100 * one.height, 100 * one.height_sigma)} cm", format_speed(one.speed),
-         format_probability(one.over_probability))
+        (f"{one.t:.2f} s", "-" * (one.height < 0) + format_distance(one.height, one.height_sigma),
+         format_speed(one.speed), format_probability(one.over_probability))
         for one in crossings
     ]  # fmt: skip
     document = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 from models.core.number_format import format_with_sigma
 from models.estimation.rally.landing_judgement import LandingCall
 
-# m up to which a distance is written in cm.
+# m up to which a distance is written in cm, if its error is not larger either.
 LONG_DISTANCE = 1.0
 
 
@@ -22,5 +22,5 @@ def format_margin(call: LandingCall) -> str:
 
 def format_distance(distance: float, sigma: float) -> str:
     """Format a distance, m, without its sign: in cm up to `LONG_DISTANCE`."""
-    scale, unit = (100, "cm") if abs(distance) < LONG_DISTANCE else (1, "m")
+    scale, unit = (100, "cm") if max(abs(distance), sigma) < LONG_DISTANCE else (1, "m")
     return f"{format_with_sigma(scale * abs(distance), scale * sigma)} {unit}"
