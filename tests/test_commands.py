@@ -162,6 +162,8 @@ def test_commands_and_notebooks_work_after_make_run_alone(checkout: Path) -> Non
         if (why := try_command(command, checkout, serves=name in SERVING))
     }
     for path in NOTEBOOKS:
+        if "import mujoco" in "\n".join(read_cells(path)):
+            continue  # it needs the extra `simulators`, as it says at its top
         script = checkout / f"{path.stem}_notebook.py"
         script.write_text("\n".join(read_cells(path)), encoding="utf-8")
         began = time.monotonic()

@@ -57,7 +57,11 @@ class Editor:
     def click(self, css: str, text: str = "") -> None:
         """Click the last button with a text."""
         self.count += 1
-        [one for one in self.browser.find_elements(By.CSS_SELECTOR, css) if text in one.text][-1].click()
+        # the page draws anew after every answer of the server
+        buttons = wait_on(self.browser).until(
+            lambda b: [one for one in b.find_elements(By.CSS_SELECTOR, css) if text in one.text]
+        )
+        buttons[-1].click()
 
     def click_at(self, px: FloatArray) -> None:
         """Click a place of the frame."""
