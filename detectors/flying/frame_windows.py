@@ -120,9 +120,9 @@ def _find_neighbours(clip: Clip) -> NDArray[np.int64]:
 
 def find_shifts(camera: CourtCamera, frames: NDArray[np.int64], scale: float) -> FloatArray:
     """Compute the homographies (5, 3, 3) from working px of the third of five frames (5,) to those of each."""
-    if camera.motion is None:
+    motion = camera.motion_of(frames)
+    if motion is None:
         return np.repeat(np.eye(3)[None], 5, axis=0)
-    motion = camera.motion[np.clip(frames - camera.first_frame, 0, len(camera.motion) - 1)]
     shrink = np.array([[scale, 0, 0.5 * scale - 0.5], [0, scale, 0.5 * scale - 0.5], [0, 0, 1]])
     moved = shrink @ motion @ np.linalg.inv(motion[2]) @ np.linalg.inv(shrink)
     return np.asarray(moved / moved[:, 2:, 2:])

@@ -70,10 +70,18 @@ class CourtCamera:
 
     def matrix_of(self, frame: NDArray[np.int64] | int | None) -> FloatArray:
         """Compute the projections (..., 3, 4) of frames (...) by their indices in the file; None for the reference."""
-        if frame is None or self.motion is None:
-            return self.matrix
-        row = np.clip(np.asarray(frame) - self.first_frame, 0, len(self.motion) - 1)
-        return np.asarray(self.motion[row] @ self.matrix)
+        motion = None if frame is None else self.motion_of(frame)
+        return self.matrix if motion is None else np.asarray(motion @ self.matrix)
+
+    def motion_of(self, frame: NDArray[np.int64] | int) -> FloatArray | None:
+        """Return the homographies (..., 3, 3) of frames (...) by their indices in the file; None for a static camera.
+
+        Frames before the first one have its motion, and frames after the last one that of the last.
+        """
+        if self.motion is None:
+            return None
+        motion: FloatArray = self.motion[np.clip(np.asarray(frame) - self.first_frame, 0, len(self.motion) - 1)]
+        return motion
 
     def to_pixels(self, xyz: FloatArray, frame: NDArray[np.int64] | int | None = None) -> FloatArray:
         """Project places (..., 3), m, to pixels (..., 2) of frames, broadcast against the places.

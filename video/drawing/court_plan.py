@@ -48,19 +48,18 @@ class CourtDrawing:
         """Map places (..., 3), m, to px (..., 2) of the canvas."""
         return np.asarray(xyz @ self.to_canvas[:, :3].T + self.to_canvas[:, 3])
 
-    def draw_path(self, xyz: FloatArray, colour: Colour, width: float = 2.0, is_dashed: bool = False) -> None:
-        """Draw a path (n, 3), m; a dashed one did not happen."""
+    def draw_path(self, xyz: FloatArray, colour: Colour, width: float = 2.0) -> None:
+        """Draw a path (n, 3), m."""
         px = to_fixed_point(self.to_pixels(xyz[np.isfinite(xyz).all(axis=1)]))
-        lines = [px[k : k + 4] for k in range(0, len(px), 7)] if is_dashed else [px]
-        cv2.polylines(self.canvas, lines, False, colour, round(width * SUPERSAMPLE), cv2.LINE_AA, SHIFT)
+        cv2.polylines(self.canvas, [px], False, colour, round(width * SUPERSAMPLE), cv2.LINE_AA, SHIFT)
 
-    def draw_mark(self, place: FloatArray, colour: Colour, radius: float = 3.0, is_ring: bool = False) -> None:
-        """Draw a disc, or a ring, of a radius (px of the final drawing) at a place (3,), m."""
+    def draw_mark(self, place: FloatArray, colour: Colour, radius: float = 3.0) -> None:
+        """Draw a disc of a radius (px of the final drawing) at a place (3,), m."""
         if np.isfinite(place).all():
             centre = to_fixed_point(self.to_pixels(place)).tolist()
             reach = round(radius * SUPERSAMPLE * (1 << SHIFT))
             cv2.circle(self.canvas, centre, reach + (SUPERSAMPLE << SHIFT), INK, -1, cv2.LINE_AA, SHIFT)
-            cv2.circle(self.canvas, centre, reach, colour, SUPERSAMPLE if is_ring else -1, cv2.LINE_AA, SHIFT)
+            cv2.circle(self.canvas, centre, reach, colour, -1, cv2.LINE_AA, SHIFT)
 
     def draw_ellipse(self, place: FloatArray, covariance: FloatArray, colour: Colour) -> None:
         """Draw the outline of `OUTLINE_SIGMAS` of a place (3,), m, with a covariance (3, 3), m^2; at least a ring."""

@@ -99,10 +99,10 @@ class RallyTimeline:
     def camera_step(self, first: int, second: int) -> FloatArray | None:
         """Return the homography (3, 3) from pixels of one row's frame to another's; None where nothing moves."""
         camera = self.rally.scene.camera
-        if camera.motion is None:
+        motion = camera.motion_of(self.rally.frame[[first, second]])
+        if motion is None:
             return None
-        index = np.clip(self.rally.frame[[first, second]] - camera.first_frame, 0, len(camera.motion) - 1)
-        step = camera.motion[index[1]] @ np.linalg.inv(camera.motion[index[0]])
+        step = motion[1] @ np.linalg.inv(motion[0])
         corners = np.array([[0, 0, 1], [camera.width_px, 0, 1], [0, camera.height_px, 1]], np.float64).T
         moved = step @ corners
         is_still = np.abs(moved[:2] / moved[2] - corners[:2]).max() < STILL_PX

@@ -26,14 +26,14 @@ from models.estimation.rally.image_association import associate_candidates
 from models.estimation.rally.initial_flights import align_flights
 from models.estimation.rally.landing_hypotheses import merge_landings
 from models.estimation.rally.rally_building import build_rally, weigh_flights
-from models.estimation.rally.rally_revision import Doubt, leave_out_flights, revise_structure, weigh_fit
+from models.estimation.rally.rally_revision import WORST_RIVAL, Doubt, leave_out_flights, revise_structure, weigh_fit
 from models.physics.flight.flight_motion import PARAMETER_COUNT
 
 # Natural logarithm of the probability that an explanation is right although another fits better by as much: evidence
 # is computed from a model that is never wholly true, and so counts by half.
 _EVIDENCE_SHARE = 0.5
-# Natural logarithm of the evidence by which a rival may be worse, and their largest number.
-_WORST_RIVAL, _MOST_RIVALS = 16.0, 8
+# Largest number of rival explanations.
+_MOST_RIVALS = 8
 # Probability from which an event is stated: what is less probable than not did not happen.
 _LEAST_EVENT = 0.5
 # Sequences of flights that are fitted wholly.
@@ -102,7 +102,7 @@ def _select_fits(fits: list[RallyFit], observed: FlightObservations) -> list[Ral
     best = sorted(fits, key=lambda fit: -weigh_fit(fit, observed))
     selected: list[RallyFit] = []
     for fit in best:
-        matters = weigh_fit(fit, observed) > weigh_fit(best[0], observed) - _WORST_RIVAL
+        matters = weigh_fit(fit, observed) > weigh_fit(best[0], observed) - WORST_RIVAL
         if matters and len(selected) < _MOST_RIVALS and not any(_are_same(fit, other) for other in selected):
             selected.append(fit)
     return selected

@@ -36,7 +36,7 @@ from models.estimation.rally.flight_observations import (
 from models.estimation.rally.flight_segmentation import RallyHypothesis
 from models.estimation.rally.single_flight import DRAG_SPREAD, build_flight_prior
 from models.numerics.least_squares import SearchOptions, invert_semidefinite, minimize_residuals
-from models.physics.flight.flight_motion import GRAVITY, PARAMETER_COUNT, FlightPath, fly
+from models.physics.flight.flight_motion import PARAMETER_COUNT, FlightPath, accelerate, fly
 
 # m, softness of the surface below a flight, and of the upper edge of the net, which gives way and hangs unevenly.
 _FLOOR_SOFTNESS, _EDGE_SOFTNESS = 0.02, 0.05
@@ -403,10 +403,3 @@ class _Problem:
             for axis in (3, 4, 5):
                 add(-NET_SHARES[0] * unit[axis], unit[axis], p[axis] - NET_SHARES[0] * state[axis], sigma)
             self.normalizer += float(np.log(NET_SHARE * max(abs(state[3]), 0.05)))
-
-
-def accelerate(p: FloatArray, state: FloatArray) -> FloatArray:
-    """Compute the acceleration (3,) of a flight long after its start."""
-    v = state[3:]
-    speed = float(np.linalg.norm(v))
-    return np.asarray(speed * (np.cross(p[7:10], v) - p[6] * v) - np.array([0.0, 0.0, GRAVITY]))

@@ -15,6 +15,9 @@ from models.core.typing import BoolArray, FloatArray, IntArray
 # Student-like loss: residuals far beyond this many standard deviations no longer pull. A detector's places have
 # tails that are wider than its own sigma says.
 ROBUST_SCALE = 3.0
+# Natural logarithm of the density of clutter per standard deviation of a place: 1/(2 pi sigma^2) against an image. It
+# is the price of an observation that no flight explains.
+CLUTTER_COST = 12.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,11 +73,8 @@ def prepare_observations(
 
 def stabilize_places(camera: CourtCamera, frame: NDArray[np.int64], px: FloatArray) -> FloatArray:
     """Map seen pixels (N, 2) of frames (N,) into the reference image, in which a camera that turns seems to stand."""
-    flat = camera.undistort(px)
-    if camera.motion is None:
-        return flat
-    at = np.clip(frame - camera.first_frame, 0, len(camera.motion) - 1)
-    return apply_homography(np.asarray(np.linalg.inv(camera.motion[at])), flat)
+    flat, motion = camera.undistort(px), camera.motion_of(frame)
+    return flat if motion is None else apply_homography(np.asarray(np.linalg.inv(motion)), flat)
 
 
 def compare_places(observed: FlightObservations, xyz: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -16,9 +16,9 @@ from models.core.progress import Progress
 from models.core.rally import RallyEventKind
 from models.core.typing import FloatArray, IntArray
 from models.estimation.rally.event_evidence import FlightEnds, weigh_events
-from models.estimation.rally.flight_observations import FlightObservations
+from models.estimation.rally.flight_observations import CLUTTER_COST, FlightObservations
 from models.estimation.rally.single_flight import FlightPrior, SingleFlight, build_flight_prior, fit_single_flight
-from models.physics.flight.flight_motion import GRAVITY
+from models.physics.flight.flight_motion import GRAVITY, accelerate
 
 # s, longest flight between two events, and most stretches between kinks in it.
 _LONGEST_FLIGHT, _MOST_STRETCHES = 3.5, 7
@@ -28,8 +28,6 @@ _KINK_SIGMAS, _KINK_COST = 1.2, 5.0
 _KINK_GRAVITIES, _BEND_TIME = 2.0, 0.1
 # chi2 per observation from which a stretch is no flight, and longer ones are not tried.
 _HOPELESS = 25.0
-# Natural logarithm of the density of clutter per standard deviation of a place: 1/(2 pi sigma^2) against an image.
-_CLUTTER_COST = 12.0
 # Best sequences that are kept at every flight.
 _BEST = 4
 # px that an object at rest moves at most, and the cost of a rest.
@@ -183,10 +181,7 @@ def _collect_ends(nodes: list[_Node], t: FloatArray, is_end: bool) -> FlightEnds
     by = np.array([flight.path.derivatives[row] for flight in flights])
     covariances = np.array([flight.covariance for flight in flights])
     p = np.array([flight.parameters for flight in flights])
-    v = states[:, 3:]
-    speed = np.linalg.norm(v, axis=1)[:, None]
-    acceleration = speed * (np.cross(p[:, 7:10], v) - p[:, 6:7] * v) - np.array([0.0, 0.0, GRAVITY])
-    return FlightEnds(float(t), states, by @ covariances @ by.transpose(0, 2, 1), acceleration)
+    return FlightEnds(float(t), states, by @ covariances @ by.transpose(0, 2, 1), accelerate(p, states))
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,13 +206,13 @@ def _find_sequences(
     sizes = np.diff(kinks)
     ended: list[_Step] = []
     for at in range(count + 1):
-        skipped = -_CLUTTER_COST * float(sizes[:at].sum())
+        skipped = -CLUTTER_COST * float(sizes[:at].sum())
         now = starting[at]
         for k in now:
             node = nodes[k]
             steps[k].append(_Step(skipped + node.evidence, k, None, None, float(observed.t[kinks[at]])))
         for back in range(max(at - 2, 0), at + 1):  # stretches from `back` to `at` are clutter
-            cost = _CLUTTER_COST * float(sizes[back:at].sum())
+            cost = CLUTTER_COST * float(sizes[back:at].sum())
             _join(ends[back], now, nodes, steps, cost, kinks, observed, sport, prior)
         for k in now:
             # nothing follows a landing, so one that comes too early must not crowd out what goes on
@@ -225,7 +220,7 @@ def _find_sequences(
             landed = sorted((step for step in steps[k] if step.kind == "landing"), key=lambda step: -step.score)
             steps[k] = flies_on[:_BEST] + landed[:_BEST]
             ends[nodes[k].end].extend(steps[k])
-        rest = _CLUTTER_COST * float(sizes[at:].sum())
+        rest = CLUTTER_COST * float(sizes[at:].sum())
         ended += [_Step(step.score - rest, step.node, step.previous, step.kind, step.t) for step in ends[at]]
     best = sorted(ended, key=lambda step: -step.score)
     hypotheses: dict[tuple[object, ...], RallyHypothesis] = {}

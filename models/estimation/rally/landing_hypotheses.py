@@ -48,9 +48,8 @@ def predict_landing(flight: Flight, sport: Sport, last_seen: float, interval: fl
     lost = 0.5 * _LAW_ERROR * pull * gap**2
     covariance = on_ground @ flight.covariance @ on_ground.T + np.diag([lost**2, lost**2, 0.0])
     time_variance = by[2] @ flight.covariance @ by[2] / velocity[2] ** 2
-    weight = float(np.exp(-_HAZARD * max(gap - _FREE_FRAMES * interval, 0.0)))
     return LandingHypothesis(
-        weight,
+        _weigh_gap(gap, interval),
         float(flight.start + tau),
         float(np.sqrt(time_variance + (lost / max(abs(velocity[2]), 0.1)) ** 2)),
         place,
@@ -76,11 +75,20 @@ def find_landing(
     touch = find_first_touch(events, hits[-1] if hits else -1, sport)
     if touch is not None:
         gap = max(touch.t - last_seen, 0.0)
-        weight = float(np.exp(-_HAZARD * max(gap - _FREE_FRAMES * interval, 0.0)))
         return LandingHypothesis(
-            weight, touch.t, touch.t_sigma, touch.place, touch.covariance, gap <= _SEEN_FRAMES * interval
+            _weigh_gap(gap, interval),
+            touch.t,
+            touch.t_sigma,
+            touch.place,
+            touch.covariance,
+            gap <= _SEEN_FRAMES * interval,
         )
     return predict_landing(flights[-1], sport, last_seen, interval) if flights else None
+
+
+def _weigh_gap(gap: float, interval: float) -> float:
+    """Return the probability that a flight goes on over a time, s, in which it is not seen."""
+    return float(np.exp(-_HAZARD * max(gap - _FREE_FRAMES * interval, 0.0)))
 
 
 def find_first_touch(events: tuple[RallyEvent, ...], hit: int, sport: Sport) -> RallyEvent | None:

@@ -11,14 +11,14 @@ from models.core.court_camera import CourtScene
 from models.core.rally import BallCandidates, Flight, LandingHypothesis, Rally, RallyEvent, RallyEventKind
 from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.rally.event_evidence import name_contact
-from models.estimation.rally.flight_fit import RallyFit, accelerate, assign_times, flight_slice, start_row
+from models.estimation.rally.flight_fit import RallyFit, assign_times, flight_slice, start_row
 from models.estimation.rally.flight_observations import bound_residuals, compare_places, weigh_by_law
 from models.estimation.rally.guided_association import GATE, Sight, observe_candidates
 from models.estimation.rally.landing_hypotheses import find_landing, predict_landing
 from models.estimation.rally.rally_views import is_on_surface
 from models.numerics.least_squares import invert_semidefinite
 from models.numerics.statistics import measure_lack_of_fit
-from models.physics.flight.flight_motion import PARAMETER_COUNT, fly, fly_flight
+from models.physics.flight.flight_motion import PARAMETER_COUNT, accelerate, fly, fly_flight
 
 # Steps of differences by the parameters of a camera: m, rad, logarithm of the focal length, k1.
 _CAMERA_STEPS = np.array([0.01, 0.01, 0.01, 1e-4, 1e-4, 1e-4, 1e-4, 1e-3])

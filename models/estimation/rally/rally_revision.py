@@ -23,7 +23,7 @@ from models.estimation.rally.flight_fit import (
     refine_fit,
     start_row,
 )
-from models.estimation.rally.flight_observations import FlightObservations
+from models.estimation.rally.flight_observations import CLUTTER_COST, FlightObservations
 from models.estimation.rally.initial_flights import pin_to_surface
 from models.estimation.rally.single_flight import Pin, build_flight_prior, fit_single_flight
 from models.physics.flight.flight_motion import fly
@@ -32,16 +32,14 @@ from models.physics.flight.flight_motion import fly
 _MOST_PASSES, _NEIGHBOURS = 4, 1
 # Events at the end of a rally whose rivals are fitted wholly, and how many of these.
 _LAST_EVENTS, _MOST_RIVALS = 3, 4
-# Natural logarithm of the density of clutter for an observation that no flight explains.
-CLUTTER_COST = 12.0
 # A flight of fewer observations, or shorter, s, may be none.
 _FEW, _SHORT = 5, 0.3
 # m above the surface, beyond four standard deviations, up to which a hit may be a bounce.
 _NEAR_SURFACE = 0.15
 # Share of the length of the court by which the depth of a hit may be wrong where it is a bounce.
 _DEPTH_SHARE = 0.5
-# Natural logarithm by which a rival may be worse and still counts.
-_WORST_RIVAL = 16.0
+# Natural logarithm of the evidence by which a rival may be worse and still counts.
+WORST_RIVAL = 16.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +105,7 @@ def _collect_rivals(observed: FlightObservations, sport: Sport, best: RallyFit, 
     """Fit the rivals of the last events wholly, and note the other doubts."""
     count, rivals, doubts = len(best.structure), list[RallyFit](), list[Doubt]()
     for trial in sorted(trials, key=lambda trial: -trial.gain):
-        if trial.gain < -_WORST_RIVAL:
+        if trial.gain < -WORST_RIVAL:
             break
         if trial.event >= count - _LAST_EVENTS and len(rivals) < _MOST_RIVALS:
             other = refine_fit(observed, sport, *_splice(best.structure, best.values, trial))

@@ -151,6 +151,14 @@ def fly_flight(flight: Flight, t: FloatArray, item: FlyingObject) -> FlightPath:
     return fly(flight.parameters, np.asarray(t) - flight.start, item.turn_length if flight.begins_with_hit else 0.0)
 
 
+def accelerate(parameters: FloatArray, states: FloatArray) -> FloatArray:
+    """Compute the accelerations (..., 3), m/s^2, of flights (..., 11) in states (..., 6), long after their starts."""
+    v = states[..., 3:]
+    speed = np.linalg.norm(v, axis=-1, keepdims=True)
+    pull = np.cross(parameters[..., 7:10], v) - parameters[..., 6:7] * v
+    return np.asarray(speed * pull - np.array([0.0, 0.0, GRAVITY]))
+
+
 def find_descent(
     parameters: FloatArray, turn_length: float, height: float, after: float, until: float, step: float = 0.01
 ) -> float:

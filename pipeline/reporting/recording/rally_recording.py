@@ -147,11 +147,11 @@ def _log_camera(stream: rr.RecordingStream, clip: Clip, rally: Rally) -> None:
     turn = rotation_matrix(camera.parameters[3:6])
     pinhole = rr.Pinhole(image_from_camera=intrinsic, **look)
     stream.log("picture", pinhole, rr.Transform3D(translation=place, mat3x3=turn.T), static=camera.motion is None)
-    if camera.motion is None:
+    motions = camera.motion_of(rally.frame)
+    if motions is None:
         return
-    for frame, t in zip(rally.frame.tolist(), rally.t.tolist(), strict=True):
-        row = min(max(frame - camera.first_frame, 0), len(camera.motion) - 1)
-        own, turned = split_projection(camera.motion[row] @ intrinsic @ turn)
+    for frame, t, motion in zip(rally.frame.tolist(), rally.t.tolist(), motions, strict=True):
+        own, turned = split_projection(motion @ intrinsic @ turn)
         stream.set_time(VIDEO_TIME, duration=t)
         stream.set_time("frame", sequence=frame)
         pinhole = rr.Pinhole(image_from_camera=own, **look)
