@@ -9,7 +9,7 @@ from collections.abc import AsyncIterator
 from dataclasses import asdict
 from importlib.resources import files
 from importlib.resources.abc import Traversable
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import uvicorn
@@ -23,10 +23,11 @@ from starlette.routing import BaseRoute, Mount, Route
 
 from models.core.errors import OptionError, TruerollError
 from pipeline.app import session_routes, shot_routes
-from pipeline.app.access_guard import LOOPBACK, AccessGuard, AccessKeys
+from pipeline.app.access_guard import CODE_S, LOOPBACK, AccessGuard, AccessKeys
 from pipeline.app.job_queue import JobQueue
-from pipeline.app.refusals import Refusal
+from pipeline.app.refusals import Refusal, read_json_body
 from pipeline.app.shot_library import FILE_TYPES, ShotLibrary
+from pipeline.app.uploads import MAX_UPLOAD_BYTES, UploadDesk
 
 # Types of the files of the page; those with other suffixes are not served.
 PAGE_TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml",
@@ -45,15 +46,28 @@ MAX_WAITING = 200
 class AppServer:
     """The server of one library."""
 
-    def __init__(self, library: ShotLibrary, port: int = 0) -> None:
+    def __init__(self, library: ShotLibrary, port: int = 0, *, lan: bool = False) -> None:
+        """Open the port, but serve nothing yet.
+
+        Args:
+            port: Port of the page; 0 for a free one.
+            lan: Whether devices in the same network may be paired.
+
+        Raises:
+            OptionError: The port is taken, or this machine is in no network.
+        """
         self.library = library
         self.queue = JobQueue(library)
         self.keys = AccessKeys()
-        try:
-            self._sockets = [socket.create_server((LOOPBACK, port))]
-        except OSError as error:
-            raise OptionError(f"--port is a free port of this machine; {port}: {error.strerror}") from error
-        app = build_app(library, self.queue, self.keys)
+        hosts = [LOOPBACK, find_network_address()] if lan else [LOOPBACK]
+        self._sockets: list[socket.socket] = []
+        for host in hosts:
+            try:
+                self._sockets.append(socket.create_server((host, port)))
+            except OSError as error:
+                raise OptionError(f"--port is a free port of this machine; {port}: {error.strerror}") from error
+            port = self._sockets[0].getsockname()[1]
+        app = build_app(library, self.queue, self.keys, f"http://{hosts[1]}:{port}" if lan else "")
         config = uvicorn.Config(app, log_level="error", lifespan="off", access_log=False, server_header=False,
                                 proxy_headers=False, timeout_graceful_shutdown=1)  # fmt: skip
         self._server = uvicorn.Server(config)
@@ -78,16 +92,31 @@ class AppServer:
         self._server.should_exit = True
 
 
-def build_app(library: ShotLibrary, queue: JobQueue, keys: AccessKeys) -> Starlette:
+def find_network_address() -> str:
+    """Find the address of this machine in its network, without sending anything.
+
+    Raises:
+        OptionError: It is in none.
+    """
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))  # an address for documentation (RFC 5737): only the route is looked up
+        except OSError as error:
+            raise OptionError("--lan needs a network; this machine is in none") from error
+        return str(probe.getsockname()[0])
+
+
+def build_app(library: ShotLibrary, queue: JobQueue, keys: AccessKeys, network: str = "") -> Starlette:
     """Build the application of a library.
 
     Args:
         keys: Who may ask; the first part of every path is one of its tokens.
+        network: Address in the network, such as `http://192.168.1.5:8000`; empty where devices cannot be paired.
 
     Returns:
         The application.
     """
-    handlers = LibraryHandlers(library, queue)
+    handlers = LibraryHandlers(library, queue, keys, network)
     api: list[BaseRoute] = [
         Route("/library", handlers.send_library),
         Route("/events", handlers.send_events),
@@ -95,6 +124,11 @@ def build_app(library: ShotLibrary, queue: JobQueue, keys: AccessKeys) -> Starle
         Route("/shots/{id}/file/{name}", handlers.send_file),
         *shot_routes.build_routes(library),
         *session_routes.build_routes(library, queue),
+        Route("/clips", handlers.take_clip, methods=["POST"]),
+        Route("/paths", handlers.take_path, methods=["POST"]),
+        Route("/jobs/{id}/preview", handlers.send_preview),
+        Route("/jobs/{id}/{action}", handlers.change_job, methods=["POST"]),
+        Route("/lan/code", handlers.start_pairing, methods=["POST"]),
         Route("/shots/{id}", handlers.delete, methods=["DELETE"]),
         Route("/trash/{undo}/restore", handlers.restore, methods=["POST"]),
         Route("/trash", handlers.empty_trash, methods=["DELETE"]),
@@ -154,20 +188,35 @@ async def _answer_fault(request: Request, error: Exception) -> Response:
     return Refusal(500, f"This failed by a fault of the program ({type(error).__name__}).").to_response()
 
 
+def _require_local(request: Request) -> None:
+    """Require that a request comes from this machine; raises Refusal."""
+    if not request.state.is_local:
+        raise Refusal(403, "This is possible on the computer itself only.")
+
+
 class LibraryHandlers:
     """Handlers of the library: its list, its files, its changes."""
 
-    def __init__(self, library: ShotLibrary, queue: JobQueue) -> None:
-        self._library, self._queue = library, queue
+    def __init__(self, library: ShotLibrary, queue: JobQueue, keys: AccessKeys, network: str) -> None:
+        self._library, self._queue, self._keys, self._network = library, queue, keys, network
+        self._uploads = UploadDesk(library, queue)
 
     async def send_library(self, request: Request) -> Response:
         """Send all cards, the queue and the use of the disk."""
         return Response(await run_in_threadpool(self._describe, request.state.is_local), media_type="application/json")
 
     def _describe(self, is_local: bool) -> bytes:
-        cards = [asdict(card) for card in self._library.list_cards()]
-        document = {"revision": self._library.revision, "shots": cards, "jobs": self._queue.describe(),
-                    "disk": self._library.measure_disk(), "local": is_local}  # fmt: skip
+        cards, jobs = self._library.list_cards(), self._queue.describe()
+        busy = self._queue.list_running()
+        document = {
+            "revision": self._library.revision,
+            "shots": [asdict(card) | ({"state": "running"} if card.id in busy else {}) for card in cards],
+            "jobs": jobs,
+            "disk": self._library.measure_disk(),
+            "local": is_local,
+            "lan": bool(self._network),
+            "limits": {"upload_bytes": MAX_UPLOAD_BYTES},
+        }
         return json.dumps(document).encode()
 
     async def send_thumbnail(self, request: Request) -> Response:
@@ -184,8 +233,63 @@ class LibraryHandlers:
             headers["Content-Security-Policy"] = RESULT_POLICY
         return FileResponse(path, media_type=FILE_TYPES[name], headers=headers)
 
+    async def take_clip(self, request: Request) -> Response:
+        """Take an uploaded clip."""
+        job = await self._uploads.take(request)
+        return JSONResponse({"job": job, "jobs": [job]}, 201)
+
+    async def take_path(self, request: Request) -> Response:
+        """Take a clip, or all clips below a folder, where they lie on this machine."""
+        _require_local(request)
+        document = await read_json_body(request)
+        jobs = await run_in_threadpool(self._add_path, document.get("path"))
+        return JSONResponse({"job": jobs[0], "jobs": jobs}, 201)
+
+    def _add_path(self, text: object) -> list[dict[str, Any]]:
+        """Add the clip or clips of a path; raises Refusal."""
+        from pipeline.batch.clip_discovery import survey_folder  # slow to import
+        from video.io.image_sequence import is_image_sequence
+
+        if not isinstance(text, str) or not text.strip() or "\0" in text:
+            raise Refusal(422, "The path of a clip or of a folder was expected.")
+        path = Path(text.strip().strip("\"'")).expanduser()
+        if not path.is_absolute() or not path.exists():
+            raise Refusal(404, f"There is nothing at {path}; give the whole path of a clip or of a folder.")
+        is_folder = path.is_dir() and not is_image_sequence(path)
+        clips = survey_folder(path, excluded=self._library.root).clips if is_folder else (path,)
+        if not clips:
+            raise Refusal(422, f"There are no clips in {path}.")
+        return [self._queue.add_clip(clip) for clip in clips]
+
+    async def send_preview(self, request: Request) -> Response:
+        """Send the image of the first results of a clip."""
+        path = await run_in_threadpool(self._queue.find_preview, request.path_params["id"])
+        return FileResponse(path, media_type="image/jpeg", headers={"Cache-Control": "private, no-cache"})
+
+    async def change_job(self, request: Request) -> Response:
+        """Cancel, retry or dismiss a job."""
+        actions = {"cancel": self._queue.cancel, "retry": self._queue.retry, "dismiss": self._queue.dismiss}
+        if request.path_params["action"] not in actions:
+            raise HTTPException(404)
+        job = await run_in_threadpool(actions[request.path_params["action"]], request.path_params["id"])
+        return JSONResponse({"job": job})
+
+    async def start_pairing(self, request: Request) -> Response:
+        """Make a code that pairs a phone, with its address as an image that a phone reads."""
+        _require_local(request)
+        if not self._network:
+            raise Refusal(409, "Start trueroll app with --lan to open the page on a phone.")
+        import segno  # only who pairs a phone needs it
+
+        pairing = self._keys.start_pairing()
+        address = f"{self._network}/pair?code={pairing.code}"
+        image = segno.make(address, error="m").svg_inline(scale=6, border=4, light="#fff")
+        return JSONResponse({"code": pairing.code, "address": address, "svg": image, "expires_s": CODE_S})
+
     async def delete(self, request: Request) -> Response:
         """Move a shot to the trash."""
+        if request.path_params["id"] in self._queue.list_running():
+            raise Refusal(409, "This shot is being computed; cancel that first.")
         return JSONResponse({"undo": await run_in_threadpool(self._library.delete, request.path_params["id"])})
 
     async def restore(self, request: Request) -> Response:

@@ -33,7 +33,7 @@ MAX_DEPTH = 8
 SETTLE_NS = 2_000_000_000
 TRUST_WORDS = {"green": "high", "amber": "medium", "red": "low"}
 # Documents that make a folder a card, with its kind and page: runs, then what commands write on several runs.
-RUN_FILE = "scene.json"
+RUN_FILE, SOURCE_FILE = "scene.json", "source.json"
 PAGES = {"session.json": ("session", "session.html"), "certificate.json": ("session", "certificate.html"),
          "gap.json": ("diagnosis", "gap.html")}  # fmt: skip
 # Files of a folder that the page may ask for, with their types.
@@ -125,6 +125,14 @@ class ShotLibrary:
         if folder is None or not folder.is_dir() or self.root.resolve() not in folder.resolve().parents:
             raise Refusal(404, "There is no such shot in the library.")
         return folder
+
+    def has_card(self, shot: str) -> bool:
+        """Whether there is a card of this id, as of the last `refresh`."""
+        return shot in self._paths
+
+    def read_clip(self, folder: Path) -> Path:
+        """Read which clip a run folder was made from; an empty path where that is not known."""
+        return Path(str(_read_object(folder / SOURCE_FILE).get("path", "")))
 
     def identify(self, folder: Path) -> str:
         """Return the id of a folder within the library."""
@@ -226,9 +234,9 @@ class ShotLibrary:
         """
         folder, token = self.find_folder(shot), secrets.token_hex(8)
         place = folder.relative_to(self.root).as_posix()
-        clip = Path(str(_read_object(folder / "source.json").get("path", "")))
+        clip = self.read_clip(folder)
         entry: dict[str, Any] = {"folder": place, "bytes": _measure_tree(folder)}
-        if clip.parent == self.clips and clip.is_file() and "first" not in _read_object(folder / "source.json"):
+        if clip.parent == self.clips and clip.is_file() and "first" not in _read_object(folder / SOURCE_FILE):
             entry |= {"clip": clip.name, "bytes": entry["bytes"] + clip.stat().st_size}
         home = self.own / "trash" / token
         write_text(home / "entry.json", json.dumps(entry))  # first, so that a killed server can put everything back
@@ -359,7 +367,7 @@ def _first_sentence(sentences: object) -> str:
 
 def _read_date(path: Path) -> str:
     """Read when the clip of a run was filmed, as far as its file tells; else when the folder was written."""
-    clip = Path(str(_read_object(path / "source.json").get("path", "")))
+    clip = Path(str(_read_object(path / SOURCE_FILE).get("path", "")))
     place = clip if clip.name and clip.exists() else path
     return datetime.fromtimestamp(place.stat().st_mtime, UTC).isoformat(timespec="seconds")
 

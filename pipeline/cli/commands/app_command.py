@@ -32,7 +32,7 @@ def app(
     from pipeline.app.shot_library import ShotLibrary
 
     require_writable_folder(library)
-    server = AppServer(ShotLibrary(library), port)
+    server = AppServer(ShotLibrary(library), port, lan=lan)
     cli.print_note(f"The page is at {server.url} (end with Ctrl-C)")
     if browser:
         webbrowser.open(server.url)
