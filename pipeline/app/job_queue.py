@@ -400,7 +400,7 @@ def _is_unchecked(job: Job) -> bool:
 
 def _read_job(path: Path) -> Job | None:
     """Read a job; None where the file is damaged or has just gone."""
-    with suppress(OSError, ValueError, TypeError, RecursionError):
+    with suppress(OSError, ValueError, TypeError, KeyError, RecursionError):
         document = json.loads(path.read_bytes())
         job = Job(**{**document, "arguments": tuple(document["arguments"]), "found": tuple(document["found"])})
         return job if job.id == path.stem and job.state in OPEN_STATES + ENDED_STATES else None

@@ -8,6 +8,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import math
 import os
 import secrets
 import shutil
@@ -339,11 +340,12 @@ def _make_card(path: Path, place: str, names: set[str]) -> Card | None:
     if not kind:
         return None
     facts = _read_object(path / "summary.json") if kind in ("shot", "rally") else {}
-    seconds = scene.get("clip", {}).get("seconds", 0.0) if isinstance(scene.get("clip"), dict) else 0.0
+    clip = scene.get("clip")
+    seconds = clip.get("seconds") if isinstance(clip, dict) else None
     is_whole = kind not in ("shot", "rally") or "slow.mp4" in names
     return Card(
         _identify(place), place.replace("/", ", "), kind, _read_date(path), _name_table(scene),
-        len(facts["balls"]) if isinstance(facts.get("balls"), list) else None, float(seconds or 0.0),
+        len(facts["balls"]) if isinstance(facts.get("balls"), list) else None, seconds if isinstance(seconds, float | int) and math.isfinite(seconds) else 0.0,
         TRUST_WORDS.get(_get_text(facts.get("trust", scene.get("trust")), "light"), ""),
         _first_sentence(facts.get("sentences")), bool(facts.get("thumbnail")), "done" if is_whole else "quick", "",
         page, 0,
