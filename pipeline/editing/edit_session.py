@@ -11,11 +11,12 @@ from models.core.corrections import Corrections
 from models.core.naming import Naming
 from models.core.progress import Progress
 from models.estimation.hand_marks.resolved_marks import update_ball_names
-from pipeline.chain import STAGE_FILES, find_report_tables, hash_tables, run_clip, run_tables
+from pipeline.chain import find_report_tables, hash_tables, run_clip, run_tables
 from pipeline.editing.edited_clip import EditedClip, FrameImages
 from pipeline.editing.run_view import ClipRun, describe_run
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.corrections_file import CorrectionsFile, describe_corrections, read_corrections, write_corrections
+from pipeline.io.run_folder import STAGE_FILES
 from pipeline.recording_shots import read_recording_shot
 from pipeline.reporting.text.fit_sentences import format_corrections, format_recomputed
 from pipeline.reporting.text.text_formatting import format_error
