@@ -48,7 +48,7 @@ export const shotAddress = (id, rest = "") => `api/shots/${encodeURIComponent(id
 export function uploadClip(file, onProgress) {
   return new Promise((resolve, reject) => {
     const request = new XMLHttpRequest();
-    request.open("POST", `api/clips?name=${encodeURIComponent(file.name)}`);
+    request.open("POST", `api/clips?name=${encodeURIComponent(file.name)}&modified=${file.lastModified}`);
     request.setRequestHeader("Content-Type", "application/octet-stream");
     request.responseType = "json";
     request.upload.addEventListener("progress", (event) => event.lengthComputable && onProgress(event.loaded / event.total));

@@ -1,5 +1,5 @@
 // The library as this page knows it: shots, jobs and disk of the server, uploads and notices of this page.
-import { listen, post, read, remove, uploadClip } from "./api.js";
+import { RequestError, listen, post, read, remove, uploadClip } from "./api.js";
 import { createStore } from "./store.js";
 import { text } from "./strings.js";
 
@@ -85,7 +85,10 @@ export async function addFiles(files) {
     const { id } = row;
     const change = (part) => uploads.set(({ waiting }) => ({ waiting: waiting.map((one) => (one.id === id ? { ...one, ...part } : one)) }));
     try {
-      putJob((await uploadClip(row.file, (share) => change({ share }))).job);
+      const most = library.get().limits?.upload_bytes ?? Infinity;
+      if (row.file.size > most) throw new RequestError(text.errors.tooLarge(row.name, most), 413);
+      const { jobs } = await uploadClip(row.file, (share) => change({ share }));
+      jobs.forEach(putJob);
     } catch (error) {
       notifyError(error);
     }
@@ -95,11 +98,10 @@ export async function addFiles(files) {
 
 /** Queue a clip or a folder of this machine. */
 export async function addPath(path) {
-  const answer = await post("api/paths", { path });
-  for (const job of [answer.job, ...(answer.jobs ?? [])]) if (job) putJob(job);
+  (await post("api/paths", { path })).jobs.forEach(putJob);
 }
 
-export const actOnJob = (id, action) => post(`api/jobs/${id}/${action}`).then(({ job }) => job && putJob(job)).catch(notifyError);
+export const actOnJob = (id, action) => post(`api/jobs/${id}/${action}`).then(loadLibrary).catch(notifyError);
 
 /** Delete shots, and offer to undo that. */
 export async function deleteShots(ids) {

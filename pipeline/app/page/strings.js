@@ -3,6 +3,7 @@
 
 const LOCALE = "en-GB";
 const plural = (count, one, many = `${one}s`) => `${count.toLocaleString(LOCALE)} ${count === 1 ? one : many}`;
+const minus = (value, digits) => `${value < 0 ? "−" : ""}${Math.abs(value).toFixed(digits)}`;
 const signed = (value, digits = 0) => `${value > 0 ? "+" : value < 0 ? "−" : ""}${Math.abs(value).toFixed(digits)}`;
 
 function formatBytes(count) {
@@ -21,7 +22,7 @@ export const text = {
   date: (iso) => new Date(iso).toLocaleDateString(LOCALE, { day: "numeric", month: "short", year: "numeric" }),
   seconds: (value) => `${value.toFixed(value < 10 ? 2 : 1)} s`,
   time: (value, sigma) => `${value.toFixed(4)} s${Number.isFinite(sigma) ? ` ± ${(1000 * sigma).toFixed(1)} ms` : ""}`,
-  millimetres: (value, sigma) => `${value.toFixed(1)}${Number.isFinite(sigma) ? ` ± ${sigma.toFixed(1)}` : ""} mm`,
+  millimetres: (value, sigma) => `${minus(value, 1)}${Number.isFinite(sigma) ? ` ± ${sigma.toFixed(1)}` : ""} mm`,
   percent: formatPercent,
   bytes: formatBytes,
 
@@ -38,6 +39,7 @@ export const text = {
     noServer: "trueroll does not answer; is it still running?",
     offline: "trueroll does not answer. Start it again, and this page goes on where it was.",
     refused: (status) => `The request was refused (${status}).`,
+    tooLarge: (name, most) => `${name} is larger than ${formatBytes(most)}; shorten it first.`,
     uploadBroke: (name) => `${name} could not be uploaded; the connection broke off.`,
   },
   trust: { high: "sure", medium: "look twice", low: "doubtful" },

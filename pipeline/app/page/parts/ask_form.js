@@ -8,8 +8,7 @@ const key = (body) => (body ? `${body.kind} ${body.id}` : "");
 
 export function AskForm({ shot }) {
   const { doc } = useStore(shot.state);
-  const { bodies, isAsking, tab } = useStore(shot.desk);
-  if (tab === "correct") return null;
+  const { bodies, isAsking } = useStore(shot.desk);
   if (doc.kind === "rally") {
     return html`<div class="ask">${["landing", "net"].map((question) => html`<button key=${question} disabled=${isAsking}
       onClick=${() => shot.ask({ question })}>${text.ask.rally[question]}</button>`)}</div>`;

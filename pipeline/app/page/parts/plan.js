@@ -21,7 +21,7 @@ export function Plan({ shot }) {
   const [left, top, wide, high] = [-margin, -margin, plan.length + 2 * margin, plan.width + 2 * margin];
   const paths = useMemo(() => plan.paths.map((path) => [path.id, drawPath(path, Infinity)]), [plan]);
   const onClick = (click) => {
-    if (tab === "correct" || !balls.length) return;
+    if (!balls.length) return;
     const box = svg.current.getBoundingClientRect();
     const scale = wide / box.width;
     tapPlan(shot, [left + (click.clientX - box.left) * scale, top + (click.clientY - box.top) * scale], TAP_PX * scale);
@@ -38,7 +38,7 @@ export function Plan({ shot }) {
     ${event?.xy && html`<circle class="contact-mark" cx=${event.xy[0]} cy=${event.xy[1]} r=${1.7 * (plan.ball_radius ?? 0.05)} />`}
     <${MovingBalls} shot=${shot} plan=${plan} balls=${balls} played=${tab === "play" ? played : null} chosen=${chosen} />
   </svg>
-  ${balls.length > 0 && tab !== "correct" && html`<figcaption>${text.plan.hint}</figcaption>`}</figure>`;
+  ${balls.length > 0 && html`<figcaption>${text.plan.hint}</figcaption>`}</figure>`;
 }
 
 function Table({ plan, margin, chosen }) {

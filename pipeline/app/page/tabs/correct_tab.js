@@ -8,30 +8,43 @@ import { Selection } from "./selection_panel.js";
 import { SettingsFields } from "./settings_fields.js";
 import { EventList } from "./story_tab.js";
 
+/** What stands beside the picture: what to do next, the chosen ball or event, and what a correction changed. */
+export function CorrectSide({ shot }) {
+  const { doc } = useStore(shot.state);
+  if (!doc.run) return null;
+  return html`<${Hint} shot=${shot} /><${Selection} shot=${shot} /><${Changes} shot=${shot} /><${Balls} shot=${shot} />`;
+}
+
 export function CorrectTab({ shot }) {
   const { doc } = useStore(shot.state);
   if (!doc.run) return html`<p role="status">${text.correct.preparing}</p>`;
   return html`<div class="correct">
     <${Tools} shot=${shot} />
     <div class="columns">
-      <div><${Selection} shot=${shot} /><${Changes} shot=${shot} /><${Balls} shot=${shot} /></div>
-      <div><${Checks} shot=${shot} /><${Events} shot=${shot} /></div>
-      <div><${SettingsFields} shot=${shot} /><${ByHand} shot=${shot} /><${Keys} /></div>
+      <div><${Events} shot=${shot} /><${Checks} shot=${shot} /></div>
+      <div><${SettingsFields} shot=${shot} /><${ByHand} shot=${shot} /></div>
     </div>
+    <${Keys} />
   </div>`;
+}
+
+function Hint({ shot }) {
+  const { doc } = useStore(shot.state);
+  const { question, check } = useStore(shot.desk);
+  const { checks } = doc.run;
+  return html`<div class=${`hint ${question ? "asks" : ""}`}><span id="hint-text" aria-live="polite">${question ? question.words : checks[check]
+    ? text.correct.check(check + 1, checks.length, checks[check].reason) : text.correct.hint}</span>
+    ${question && html`<button id="cancel" onClick=${() => cancelCorrection(shot)}>${text.correct.cancel}</button>`}</div>`;
 }
 
 function Tools({ shot }) {
   const { status } = useStore(shot.state);
-  const { question, check } = useStore(shot.desk);
+  const { check } = useStore(shot.desk);
   const state = status ?? {};
   const runs = state.stage || state.result !== state.revision && !state.error;
   const words = state.stage ? text.correct.stages[state.stage] ?? state.stage : runs ? text.correct.starting
     : state.error ? text.correct.failed : text.correct.outputs[state.outputs] ?? "";
   return html`<div class="correct-tools">
-    <div class=${`hint ${question ? "asks" : ""}`}><span id="hint-text" aria-live="polite">${question ? question.words : check >= 0 && shot.run.checks[check]
-      ? text.correct.check(check + 1, shot.run.checks.length, shot.run.checks[check].reason) : text.correct.hint}</span>
-      ${question && html`<button id="cancel" onClick=${() => cancelCorrection(shot)}>${text.correct.cancel}</button>`}</div>
     <div class="row" role="group" aria-label=${text.correct.tools}>
       <button id="undo" disabled=${!state.can_undo} onClick=${() => shot.undo()}>${text.correct.undo}</button>
       <button id="redo" disabled=${!state.can_redo} onClick=${() => shot.redo()}>${text.correct.redo}</button>
@@ -40,7 +53,7 @@ function Tools({ shot }) {
       <label class="tick-box"><input type="checkbox" id="all-corners" />${text.correct.allCorners}</label>
       <button id="finish" class="main" disabled=${Boolean(runs)} onClick=${() => shot.finish()}>${text.correct.finish}</button>
     </div>
-    <div class="work"><label for="progress" id="progress-text" role="status">${words}</label>
+    <div class="work"><label for="progress" id="progress-text" aria-live="polite">${words}</label>
       <progress id="progress" max="1" value=${runs && !state.share ? undefined : runs ? state.share : 1}></progress></div>
   </div>`;
 }

@@ -56,7 +56,7 @@ export function PlayTab({ shot }) {
       ${played && html`<div class=${isBusy ? "busy" : ""}>${(played.sentences ?? []).map((one) => html`<p key=${one}>${one}</p>`)}
         ${played.chance && html`<dl class="measures"><div><dt>${text.play.asStruck}</dt><dd>${text.percent(played.chance.as_struck)}</dd></div>
           <div><dt>${text.play.otherwise}</dt><dd>${text.percent(played.chance.otherwise)}</dd></div></dl>`}
-        ${played.events?.length > 0 && html`<ol class="found">${played.events.map((one, k) => html`<li key=${k}>${one.text}</li>`)}</ol>`}</div>`}
+        ${played.events?.length > 0 && html`<ol class="plays">${played.events.map((one, k) => html`<li key=${k}>${one.text}</li>`)}</ol>`}</div>`}
     </section>
   </div>`;
 }

@@ -21,8 +21,8 @@ export function StoryTab({ shot }) {
 export function EventList({ shot, events, chosen, id, mark = () => null }) {
   if (!events.length) return html`<p class="small">${text.story.noEvents}</p>`;
   return html`<ul class="list" id=${id}>${events.map((one, k) => html`<li key=${k}>
-    <button class="item" aria-pressed=${chosen === one} onClick=${() => shot.showEvent(one)}>
-      <span class="when">${one.when}</span><span>${one.text}</span>
+    <button class="item event" aria-pressed=${chosen === one} onClick=${() => shot.showEvent(one)}>
+      <span class="when">${one.when}</span><span class="words">${one.text}</span>
       ${mark(one) ?? html`<span class=${`share ${one.probability < SURE ? "unsure" : ""}`}>${one.share}</span>`}
     </button></li>`)}</ul>`;
 }

@@ -70,7 +70,7 @@ function SmallJob({ job }) {
     <p class="job-name">${job.name}<span class="job-state">${job.error || job.found?.[0] || text.queue.states[job.state]}</span></p>
     ${job.state === "waiting" && html`<button onClick=${() => actOnJob(job.id, "cancel")}>${text.queue.cancel}</button>`}
     ${job.state === "failed" && html`<button onClick=${() => actOnJob(job.id, "retry")}>${text.queue.retry}</button>`}
-    ${job.state === "failed" && html`<button class="plain" onClick=${() => actOnJob(job.id, "cancel")}>${text.queue.forget}</button>`}
+    ${job.state === "failed" && html`<button class="plain" onClick=${() => actOnJob(job.id, "dismiss")}>${text.queue.forget}</button>`}
     ${job.shot && html`<a class="button" href=${routeTo(job.action ? "session" : "shot", job.shot)}>${text.queue.open}</a>`}
   </div>`;
 }

@@ -11,7 +11,7 @@ import { handleShotKey } from "../shot/shot_keys.js";
 import { ShotModel } from "../shot/shot_model.js";
 import { useStore } from "../store.js";
 import { text } from "../strings.js";
-import { CorrectTab } from "../tabs/correct_tab.js";
+import { CorrectSide, CorrectTab } from "../tabs/correct_tab.js";
 import { NumbersTab } from "../tabs/numbers_tab.js";
 import { PlacementTab } from "../tabs/placement_tab.js";
 import { PlayTab } from "../tabs/play_tab.js";
@@ -27,6 +27,7 @@ const TRUST_LEVELS = { green: "high", amber: "medium", red: "low" };
 export function ShotView({ id }) {
   const shot = useMemo(() => new ShotModel(id), [id]);
   const { doc, error } = useStore(shot.state);
+  const { tab } = useStore(shot.desk);
   useEffect(() => { shot.load(); return () => shot.close(); }, [shot]);
   useEffect(() => { if (doc) document.title = text.shot.title(doc.name); }, [doc?.name]);
   useEffect(() => {
@@ -39,10 +40,10 @@ export function ShotView({ id }) {
   return html`<div class="shot">
     <${ShotHead} shot=${shot} doc=${doc} />
     <div class="watch"><${Stage} shot=${shot} /><${Timeline} shot=${shot} /></div>
-    <div class="know">
+    <div class="know">${tab === "correct" ? html`<${CorrectSide} shot=${shot} />` : html`
       <${AnswerCard} shot=${shot} />
       ${doc.plan && html`<${Plan} shot=${shot} />`}
-      <${AskForm} shot=${shot} />
+      <${AskForm} shot=${shot} />`}
     </div>
     <${Tabs} shot=${shot} tabs=${doc.kind === "rally" ? RALLY_TABS : SHOT_TABS} />
   </div>`;
