@@ -8,16 +8,30 @@ import { StageOverlay } from "./stage_overlay.js";
 
 // Frames that are loaded ahead.
 const AHEAD = 3;
-export const ZOOMS = [1, 1.5, 2, 3, 4, 5];
+
+const ZOOMS = [1, 1.5, 2, 3, 4, 5];
+
+/** Which picture is shown, or in corrections how large. */
+export function PictureSwitch({ shot }) {
+  const { doc } = useStore(shot.state);
+  const { tab, zoom } = useStore(shot.desk);
+  const showsFrames = useStore(shot.desk, () => shot.showsFrames);
+  if (tab === "correct") {
+    return html`<label class="zoom">${text.stage.zoom}<input id="zoom" type="range" min="0" max=${ZOOMS.length - 1} step="1"
+      value=${ZOOMS.indexOf(zoom)} aria-valuetext=${text.stage.times(zoom)}
+      onInput=${(event) => shot.desk.set({ zoom: ZOOMS[event.target.value] })} /></label>`;
+  }
+  if (!doc.video || doc.clip === false) return null;
+  return html`<div class="switch" role="group" aria-label=${text.stage.picture}>
+    ${["slow", "frames"].map((one) => html`<button key=${one} aria-pressed=${(one === "frames") === showsFrames}
+      onClick=${() => shot.desk.set({ picture: one })}>${text.stage.pictures[one]}</button>`)}</div>`;
+}
 
 export function Stage({ shot }) {
   const { doc } = useStore(shot.state);
-  const { tab, rings, question } = useStore(shot.desk);
-  const [wants, setWants] = useState("slow");
-  const [zoom, setZoom] = useState(1);
+  const { question, zoom, tab } = useStore(shot.desk);
   const box = useRef(null);
-  // Corrections and rings belong to the frames of the clip, on which nothing is drawn.
-  const showsFrames = doc.clip !== false && (!doc.video || wants === "frames" || tab === "correct" || Boolean(rings && tab === "placement"));
+  const showsFrames = useStore(shot.desk, () => shot.showsFrames);
   const [width, height] = doc.run?.image ?? doc.image ?? [16, 9];
   const room = `calc((100vh - 15rem) * ${width / height})`;
   return html`<div class="stage-box ${question ? "asks" : ""}">
@@ -28,13 +42,6 @@ export function Stage({ shot }) {
         ${doc.run && html`<${StageOverlay} shot=${shot} showsFrames=${showsFrames} />`}
         ${question?.point || tab === "correct" ? html`<${Lens} shot=${shot} />` : null}
       </div>
-    </div>
-    <div class="stage-tools">
-      ${doc.video && doc.clip !== false && tab !== "correct" && html`<div class="switch" role="group" aria-label=${text.stage.picture}>
-        ${["slow", "frames"].map((one) => html`<button key=${one} aria-pressed=${(one === "frames") === showsFrames}
-          onClick=${() => setWants(one)}>${text.stage.pictures[one]}</button>`)}</div>`}
-      ${tab === "correct" && html`<label class="zoom">${text.stage.zoom}<input id="zoom" type="range" min="0" max=${ZOOMS.length - 1} step="1"
-        value=${ZOOMS.indexOf(zoom)} aria-valuetext=${text.stage.times(zoom)} onInput=${(event) => setZoom(ZOOMS[event.target.value])} /></label>`}
     </div>
   </div>`;
 }

@@ -3,6 +3,7 @@ import { html } from "../html.js";
 import { PACES } from "../shot/player.js";
 import { useStore } from "../store.js";
 import { text } from "../strings.js";
+import { PictureSwitch } from "./stage.js";
 
 // Probability from which an event is sure enough to be drawn full.
 const SURE = 0.9;
@@ -35,6 +36,7 @@ export function Timeline({ shot }) {
       <${IconButton} id="forward" icon="forward" label=${text.timeline.forward} run=${() => player.step(1)} />
       <${IconButton} id="event-after" icon="after" label=${text.timeline.eventAfter} run=${() => shot.stepEvent(1)} />
       <output id="when">${when}</output>
+      <${PictureSwitch} shot=${shot} />
       <div class="switch" role="group" aria-label=${text.timeline.pace}>
         ${PACES.map((one) => html`<button key=${one} aria-pressed=${one === pace} onClick=${() => player.setPace(one)}>${text.timeline.paces(one)}</button>`)}
       </div>

@@ -20,7 +20,7 @@ export class ShotModel {
     // put back; of corrections the chosen ball or event, a `question` that waits for a click, the `cross` that places a ball.
     this.desk = createStore({
       tab: "story", bodies: [], answer: null, isAsking: false, played: null, rings: null,
-      ball: null, event: null, question: null, cross: null, corners: null, check: -1, spot: null, keys: [], dragged: null,
+      ball: null, event: null, question: null, cross: null, corners: null, check: -1, spot: null, keys: [], dragged: null, picture: "slow", zoom: 1,
     });
     this.player = null;
     this.timer = 0;
@@ -32,6 +32,12 @@ export class ShotModel {
   get doc() { return this.state.get().doc; }
   get run() { return this.doc?.run ?? null; }
   get frame() { return this.player.frames.frameAt(this.player.clock.get().t); }
+  /** Whether frames are shown instead of the slow motion: corrections and rings belong to pictures with nothing drawn on them. */
+  get showsFrames() {
+    const { picture, tab, rings } = this.desk.get();
+    return this.doc.clip !== false && (!this.doc.video || picture === "frames" || tab === "correct" || tab === "placement" && Boolean(rings));
+  }
+
   get isUpToDate() { return this.doc.result === undefined || this.doc.result === this.doc.revision; }
 
   close() {

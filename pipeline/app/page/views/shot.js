@@ -37,7 +37,7 @@ export function ShotView({ id }) {
   }, [shot]);
   if (error) return html`<p class="nothing" role="alert">${error} <a href=${routeTo("library")}>${text.shot.back}</a></p>`;
   if (!doc || !shot.player) return html`<p class="loading" role="status">${text.shot.loading}</p>`;
-  return html`<div class="shot">
+  return html`<div class=${`shot ${tab}`}>
     <${ShotHead} shot=${shot} doc=${doc} />
     <div class="watch"><${Stage} shot=${shot} /><${Timeline} shot=${shot} /></div>
     <div class="know">${tab === "correct" ? html`<${CorrectSide} shot=${shot} />` : html`
