@@ -5,8 +5,9 @@ from __future__ import annotations
 import asyncio
 import json
 import socket
+import webbrowser
 from collections.abc import AsyncIterator, Callable
-from dataclasses import asdict
+from contextlib import suppress
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path, PurePosixPath
@@ -28,6 +29,8 @@ from pipeline.app.job_queue import JobQueue
 from pipeline.app.refusals import Refusal, read_json_body
 from pipeline.app.shot_library import FILE_TYPES, ShotLibrary
 from pipeline.app.uploads import MAX_UPLOAD_BYTES, UploadDesk
+from pipeline.engine.atomic_write import require_writable_folder
+from pipeline.terminal.command_line import print_note
 
 # Types of the files of the page; those with other suffixes are not served.
 PAGE_TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml",
@@ -106,6 +109,28 @@ def find_network_address() -> str:
         except OSError as error:
             raise OptionError("--lan needs a network; this machine is in none") from error
         return str(probe.getsockname()[0])
+
+
+def open_page(library: ShotLibrary, port: int, *, browser: bool, lan: bool = False, shot: Path | None = None) -> None:
+    """Serve a library until the process is interrupted, and open its page.
+
+    Args:
+        port: Port of the page; 0 for a free one.
+        browser: Whether to open it in the browser.
+        lan: Whether devices in the same network may be paired.
+        shot: Folder of a shot in the library, which the page shows first.
+
+    Raises:
+        OptionError: The library cannot be written, or the port is taken.
+    """
+    require_writable_folder(library.root)
+    server = AppServer(library, port, lan=lan)
+    address = server.url if shot is None else f"{server.url}#/shot/{library.identify(shot)}"
+    print_note(f"The page is at {address} (end with Ctrl-C)")
+    if browser:
+        webbrowser.open(address)
+    with suppress(KeyboardInterrupt):  # the way to end it
+        server.run()
 
 
 def build_app(
@@ -221,7 +246,7 @@ class LibraryHandlers:
         busy = self._queue.list_running()
         document = {
             "revision": self._library.revision,
-            "shots": [asdict(card) | ({"state": "running"} if card.id in busy else {}) for card in cards],
+            "shots": [card.describe() | ({"state": "running"} if card.id in busy else {}) for card in cards],
             "jobs": jobs,
             "disk": self._library.measure_disk(),
             "local": is_local,

@@ -120,7 +120,8 @@ class JobQueue:
         """Describe a job for the page."""
         shot = self._identify(job) if self._library.has_card(self._identify(job)) else None
         own = {key: value for key, value in asdict(job).items() if key not in ("clip", "arguments", "folder", "ended")}
-        return {**own, "found": list(job.found), "preview": job.preview_revision > 0, "shot": shot}
+        action = job.arguments[0] if job.arguments else ""
+        return {**own, "action": action, "found": list(job.found), "preview": job.preview_revision > 0, "shot": shot}
 
     def _identify(self, job: Job) -> str:
         return self._library.identify(self._library.root / job.folder)
