@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,14 @@ from pipeline.io.text_table import Columns, read_text_table
 
 # File of a run folder that names the source clip.
 SOURCE_FILE = "source.json"
+# Files of a run folder by the stage that writes them.
+STAGE_FILES: Mapping[str, tuple[str, ...]] = {
+    "export": ("tracks.csv", "events.csv", "trajectory.csv", "scene.json"),
+    "poster": ("poster.png",),
+    "report": ("report.html", "summary.json"),
+    "record": ("recording.rrd",),
+    "render": ("slow.mp4",),
+}
 # m, standard deviation of positions without a sigma.
 DEFAULT_SIGMA = 1e-3
 

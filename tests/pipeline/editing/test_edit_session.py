@@ -8,7 +8,8 @@ import pytest
 from support.edit_servers import SHOWN_TABLES, ask, serve_synthetic_run, wait_for_result
 
 from models.core.corrections import Corrections
-from pipeline.chain import STAGE_FILES, write_source
+from pipeline.chain import write_source
+from pipeline.io.run_folder import STAGE_FILES
 from pipeline.io.corrections_file import CorrectionsFile, read_corrections, write_corrections
 from pipeline.run_options import RunOptions, build_options
 
