@@ -3,7 +3,6 @@
 
 const LOCALE = "en-GB";
 const plural = (count, one, many = `${one}s`) => `${count.toLocaleString(LOCALE)} ${count === 1 ? one : many}`;
-const minus = (value, digits) => `${value < 0 ? "−" : ""}${Math.abs(value).toFixed(digits)}`;
 const signed = (value, digits = 0) => `${value > 0 ? "+" : value < 0 ? "−" : ""}${Math.abs(value).toFixed(digits)}`;
 
 function formatBytes(count) {
@@ -22,7 +21,7 @@ export const text = {
   date: (iso) => new Date(iso).toLocaleDateString(LOCALE, { day: "numeric", month: "short", year: "numeric" }),
   seconds: (value) => `${value.toFixed(value < 10 ? 2 : 1)} s`,
   time: (value, sigma) => `${value.toFixed(4)} s${Number.isFinite(sigma) ? ` ± ${(1000 * sigma).toFixed(1)} ms` : ""}`,
-  millimetres: (value, sigma) => `${minus(value, 1)}${Number.isFinite(sigma) ? ` ± ${sigma.toFixed(1)}` : ""} mm`,
+  millimetres: (value, sigma) => `${value.toFixed(1)}${Number.isFinite(sigma) ? ` ± ${sigma.toFixed(1)}` : ""} mm`,
   percent: formatPercent,
   bytes: formatBytes,
 
@@ -156,7 +155,7 @@ export const text = {
     none: "No ball was struck in this clip.",
     sure: (probability) => `${formatPercent(probability)} sure`,
     time: "When",
-    margin: "By how much",
+    margin: (value) => (value < 0 ? "The free paths overlap by" : "Apart by"),
     reasons: "Why",
     picture: (question) => `Close-up: ${question}`,
   },
@@ -198,8 +197,10 @@ export const text = {
     result: "Then",
     hint: "Move a slider: dashed lines on the plan show where the balls would go.",
     busy: "Playing the shot",
-    asStruck: "Chance as struck",
-    otherwise: "Chance otherwise",
+    asStruck: "Chance to score, as struck",
+    otherwise: "Chance to score, otherwise",
+    chance: (probability, sigma) => `${(100 * probability).toFixed(0)} ± ${(100 * sigma).toFixed(0)} %`,
+    more: "More about it",
   },
   placement: {
     title: "Put the balls back",

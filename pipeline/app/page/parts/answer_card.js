@@ -21,7 +21,7 @@ export function AnswerCard({ shot }) {
     ${picture && html`<a class="close-up" href=${picture} target="_blank" rel="noopener"><img src=${picture} alt=${text.answer.picture(question)} /></a>`}
     <dl class="measures">
       ${Number.isFinite(t) && html`<div><dt>${text.answer.time}</dt><dd><button class="link" onClick=${() => { shot.player.pause(); shot.player.seek(t); }}>${text.time(t, sigma)}</button></dd></div>`}
-      ${Number.isFinite(margin) && html`<div><dt>${text.answer.margin}</dt><dd>${text.millimetres(margin, marginSigma)}</dd></div>`}
+      ${Number.isFinite(margin) && html`<div><dt>${text.answer.margin(margin)}</dt><dd>${text.millimetres(Math.abs(margin), marginSigma)}</dd></div>`}
     </dl>
     ${reasons?.length > 0 && html`<details><summary>${text.answer.reasons}</summary><ul>${reasons.map((one) => html`<li key=${one}>${one}</li>`)}</ul></details>`}
   </section>`;

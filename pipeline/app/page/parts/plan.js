@@ -19,23 +19,25 @@ export function Plan({ shot }) {
   const colours = new Map(balls.map((ball) => [ball.id, ball.colour]));
   const margin = MARGIN * Math.max(plan.length, plan.width);
   const [left, top, wide, high] = [-margin, -margin, plan.length + 2 * margin, plan.width + 2 * margin];
-  const paths = useMemo(() => plan.paths.map((path) => [path.id, drawPath(path, Infinity)]), [plan]);
+  const paths = useMemo(() => plan.paths.map((path, k) => [path.id, drawPath(path, Infinity), k]), [plan]);
   const onClick = (click) => {
     if (!balls.length) return;
     const box = svg.current.getBoundingClientRect();
     const scale = wide / box.width;
     tapPlan(shot, [left + (click.clientX - box.left) * scale, top + (click.clientY - box.top) * scale], TAP_PX * scale);
   };
+  const path = event && plan.paths.find((one) => one.id === event.a);
+  const place = path && placeAt(path, event.t);
   const chosen = (kind, id) => bodies.some((one) => one.kind === kind && one.id === id);
   return html`<figure class="plan"><svg ref=${svg} class=${`plan-svg ${doc.kind}`} viewBox=${`${left} ${top} ${wide} ${high}`} role="img"
       aria-label=${text.plan.label(doc.name)} onClick=${onClick}>
     ${doc.kind === "rally" ? html`<${Court} plan=${plan} margin=${margin} landings=${doc.landings ?? []} />`
       : html`<${Table} plan=${plan} margin=${margin} chosen=${chosen} />`}
-    ${paths.map(([id, d]) => html`<path key=${id} class="path" d=${d} stroke=${colours.get(id)} />`)}
+    ${paths.map(([id, d, k]) => html`<path key=${k} class="path" d=${d} stroke=${colours.get(id)} />`)}
     ${tab === "play" && played?.paths.map((path) => html`<path key=${`played ${path.id}`} class="path played" d=${drawPath(path, Infinity)} stroke=${colours.get(path.id)} />`)}
     ${tab === "placement" && rings?.balls.map((one) => html`<circle key=${`ring ${one.id}`} class="ring" cx=${one.xy[0]} cy=${one.xy[1]}
       r=${plan.ball_radius + 2 * one.sigma_mm / 1000} />`)}
-    ${event?.xy && html`<circle class="contact-mark" cx=${event.xy[0]} cy=${event.xy[1]} r=${1.7 * (plan.ball_radius ?? 0.05)} />`}
+    ${place && html`<circle class="contact-mark" cx=${place[0]} cy=${place[1]} r=${1.7 * (plan.ball_radius ?? 0.05)} />`}
     <${MovingBalls} shot=${shot} plan=${plan} balls=${balls} played=${tab === "play" ? played : null} chosen=${chosen} />
   </svg>
   ${balls.length > 0 && html`<figcaption>${text.plan.hint}</figcaption>`}</figure>`;
@@ -76,15 +78,15 @@ function Landing({ one }) {
 function MovingBalls({ shot, plan, balls, played, chosen }) {
   const { t } = useStore(shot.player.clock);
   const looks = new Map(balls.map((ball) => [ball.id, ball]));
-  const draw = (path, name) => {
+  const draw = (path, name, k) => {
     const place = placeAt(path, t);
-    const colour = looks.get(path.id)?.colour ?? "currentColor";
-    return place && html`<g key=${`${name} ${path.id}`}>
+    const colour = looks.get(path.id)?.colour ?? "#fff";
+    return place && html`<g key=${`${name} ${k}`}>
       ${name === "real" && html`<path class="path past" d=${drawPath(path, t)} stroke=${colour} />`}
       <circle class=${`plan-ball ${name} ${name === "real" && chosen("ball", path.id) ? "chosen" : ""}`} cx=${place[0]} cy=${place[1]}
         r=${(plan.ball_radius ?? 0.06) * 1.15} fill=${colour} data-plan-ball=${path.id}><title>${looks.get(path.id)?.name ?? ""}</title></circle></g>`;
   };
-  return html`<g>${plan.paths.map((path) => draw(path, "real"))}${played?.paths.map((path) => draw(path, "ghost"))}</g>`;
+  return html`<g>${plan.paths.map((path, k) => draw(path, "real", k))}${played?.paths.map((path, k) => draw(path, "ghost", k))}</g>`;
 }
 
 /** Path data of a ball until a time; a gap where it is not on the table. */

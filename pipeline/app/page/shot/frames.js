@@ -68,9 +68,12 @@ export function pixelAt(path, frame) {
   return [one[1] + share * (two[1] - one[1]), one[2] + share * (two[2] - one[2])];
 }
 
-/** Place [x, y] in m at a time; null where the ball is not on the table. */
+// s before and after its path at which a ball is still drawn.
+const BEYOND_PATH_S = 0.02;
+
+/** Place [x, y] in m at a time; null where the ball is not on the table, or this flight of it has not begun or has ended. */
 export function placeAt(path, t) {
-  if (!path.t.length) return null;
+  if (!path.t.length || t < path.t[0] - BEYOND_PATH_S || t > path.t.at(-1) + BEYOND_PATH_S) return null;
   const place = [interpolate(path.t, path.x, t), interpolate(path.t, path.y, t)];
   return place.every(Number.isFinite) ? place : null;
 }

@@ -6,6 +6,8 @@ import { text } from "../strings.js";
 
 // ms after the last move of a slider until the shot is played.
 const WAIT_MS = 120;
+// Share of the plays from which an event is listed.
+const LIKELY = 0.5;
 const NONE = { speed_percent: 0, angle_deg: 0, top_percent: 0, side_percent: 0 };
 // Range and step of each slider; a tip beside the centre by half a radius is 125 % of rolling spin, and slips beyond.
 const SLIDERS = { speed_percent: [50, 1], angle_deg: [10, 0.1], top_percent: [100, 5], side_percent: [100, 5] };
@@ -53,10 +55,21 @@ export function PlayTab({ shot }) {
     <section aria-live="polite" aria-busy=${isBusy}><h2>${text.play.result}</h2>
       ${error && html`<p role="alert">${error}</p>`}
       ${!played && !error && html`<p class="small">${isBusy ? text.play.busy : text.play.hint}</p>`}
-      ${played && html`<div class=${isBusy ? "busy" : ""}>${(played.sentences ?? []).map((one) => html`<p key=${one}>${one}</p>`)}
-        ${played.chance && html`<dl class="measures"><div><dt>${text.play.asStruck}</dt><dd>${text.percent(played.chance.as_struck)}</dd></div>
-          <div><dt>${text.play.otherwise}</dt><dd>${text.percent(played.chance.otherwise)}</dd></div></dl>`}
-        ${played.events?.length > 0 && html`<ol class="plays">${played.events.map((one, k) => html`<li key=${k}>${one.text}</li>`)}</ol>`}</div>`}
+      ${played && html`<div class=${isBusy ? "busy" : ""}>${played.chance ? html`<${Plays} played=${played} />`
+        : (played.sentences ?? []).map((one) => html`<p key=${one}>${one}</p>`)}</div>`}
     </section>
   </div>`;
+}
+
+/** What many plays of the changed stroke have in common. */
+function Plays({ played }) {
+  const [first, ...others] = played.sentences;
+  const chance = ({ probability, sigma }) => text.play.chance(probability, sigma);
+  const likely = played.events.filter((one) => one.probability >= LIKELY);
+  return html`<p>${first}</p>
+    <dl class="measures"><div><dt>${text.play.asStruck}</dt><dd>${chance(played.chance.as_struck)}</dd></div>
+      <div><dt>${text.play.otherwise}</dt><dd>${chance(played.chance.otherwise)}</dd></div></dl>
+    ${likely.length > 0 && html`<ol class="plays">${likely.map((one) => html`<li key=${one.text}>${one.text}
+      <span class="share">${text.percent(one.probability)}</span></li>`)}</ol>`}
+    ${others.length > 0 && html`<details><summary>${text.play.more}</summary>${others.map((one) => html`<p key=${one}>${one}</p>`)}</details>`}`;
 }

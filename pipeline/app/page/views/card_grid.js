@@ -45,9 +45,12 @@ export function CardGrid({ cards, chosen, onChoose }) {
 // Kinds of cards that are a page of a command, not a shot.
 const PAGES = new Set(["session", "diagnosis"]);
 
+/** Address of what a card stands for; a result that has no card yet is a shot. */
+export const routeToCard = ({ id, kind }) => routeTo(PAGES.has(kind) ? "session" : "shot", id);
+
 function Card({ card, isChosen, onChoose, place, count }) {
   const { id, name, kind, trust, state, outcome, error } = card;
-  const address = PAGES.has(kind) ? routeTo("session", id) : routeTo("shot", id);
+  const address = routeToCard(card);
   return html`<li class="card ${isChosen ? "chosen" : ""}" aria-setsize=${count} aria-posinset=${place}>
     <a href=${address} class="thumb" tabindex="-1" aria-hidden="true">
       ${card.thumbnail ? html`<img src=${shotAddress(id, "thumbnail")} alt="" loading="lazy" decoding="async" />`
@@ -62,7 +65,7 @@ function Card({ card, isChosen, onChoose, place, count }) {
   </li>`;
 }
 
-const listFacts = ({ table, balls, date }) => [table, balls ? text.library.balls(balls) : "", date ? text.date(date) : ""].filter(Boolean).join(" · ");
+const listFacts = ({ table, balls, date }) => [date ? text.date(date) : "", table, balls ? text.library.balls(balls) : ""].filter(Boolean).join(" · ");
 
 /** Trust as a word with a shape, so that colour is not all that carries it. */
 export function TrustMark({ level }) {

@@ -1,8 +1,9 @@
 // The clips that are uploaded, wait or run, and what is known of them so far.
 import { html } from "../html.js";
-import { actOnJob } from "../library_store.js";
-import { routeTo } from "../router.js";
+import { actOnJob, library } from "../library_store.js";
+import { useStore } from "../store.js";
 import { text } from "../strings.js";
+import { routeToCard } from "./card_grid.js";
 
 // Steps that people see, with the stages that each consists of.
 const STEPS = [
@@ -39,7 +40,7 @@ function RunningJob({ job }) {
       <${CheckSentences} check=${job.check} />
       <${StepLine} job=${job} />
       <ul class="found" aria-live="polite">${(job.found ?? []).map((sentence) => html`<li key=${sentence}>${sentence}</li>`)}</ul>
-      ${job.shot && html`<p><a class="button main" href=${routeTo("shot", job.shot)}>${text.queue.look}</a></p>`}
+      ${job.shot && html`<p><${ResultLink} id=${job.shot} className="main" label=${text.queue.look} /></p>`}
     </div>
   </article>`;
 }
@@ -55,7 +56,9 @@ function CheckSentences({ check }) {
 }
 
 function StepLine({ job }) {
-  const at = job.state === "checking" ? 0 : Math.max(0, STEPS.findIndex(([, stages]) => stages.includes(job.stage)));
+  const found = STEPS.findIndex(([, stages]) => stages.includes(job.stage));
+  if (found < 0 && job.state === "running") return html`<progress aria-label=${text.queue.runs(job.name)}></progress>`;
+  const at = Math.max(0, found);
   const name = text.queue.steps[STEPS[at][0]];
   return html`<div class="steps">
     <ol aria-hidden="true">${STEPS.map(([step], k) => html`<li key=${step} class=${k < at ? "past" : k === at ? "now" : ""}>
@@ -71,6 +74,12 @@ function SmallJob({ job }) {
     ${job.state === "waiting" && html`<button onClick=${() => actOnJob(job.id, "cancel")}>${text.queue.cancel}</button>`}
     ${job.state === "failed" && html`<button onClick=${() => actOnJob(job.id, "retry")}>${text.queue.retry}</button>`}
     ${job.state === "failed" && html`<button class="plain" onClick=${() => actOnJob(job.id, "dismiss")}>${text.queue.forget}</button>`}
-    ${job.shot && html`<a class="button" href=${routeTo(job.action ? "session" : "shot", job.shot)}>${text.queue.open}</a>`}
+    ${job.shot && html`<${ResultLink} id=${job.shot} className="" label=${text.queue.open} />`}
   </div>`;
+}
+
+function ResultLink({ id, className, label }) {
+  const { shots } = useStore(library);
+  const card = shots?.find((one) => one.id === id) ?? { id };
+  return html`<a class=${`button ${className}`} href=${routeToCard(card)}>${label}</a>`;
 }

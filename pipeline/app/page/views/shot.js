@@ -20,7 +20,7 @@ import { StrokesTab } from "../tabs/strokes_tab.js";
 import { TrustMark } from "./card_grid.js";
 
 const SHOT_TABS = { story: StoryTab, numbers: NumbersTab, play: PlayTab, placement: PlacementTab, correct: CorrectTab };
-const RALLY_TABS = { story: StoryTab, strokes: StrokesTab };
+const RALLY_TABS = { story: StoryTab, strokes: StrokesTab, numbers: NumbersTab };
 // Words for the levels of trust of a run.
 const TRUST_LEVELS = { green: "high", amber: "medium", red: "low" };
 
