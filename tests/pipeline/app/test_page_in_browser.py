@@ -124,7 +124,11 @@ def test_a_visitor_goes_from_a_clip_to_answers_corrections_and_a_comparison(
         document = ask_app(server, "GET", f"api/shots/{shot}")
         names = [ball["name"] for ball in document["run"]["balls"]]
         rails = document["run"]["rails"]
-        verdicts = [visitor.ask(names[0], names[1]), visitor.ask(names[0], rails["left"]), visitor.ask(names[1], rails["top"])]
+        verdicts = [
+            visitor.ask(names[0], names[1]),
+            visitor.ask(names[0], rails["left"]),
+            visitor.ask(names[1], rails["top"]),
+        ]
         assert all("sure" in verdict for verdict in verdicts)
 
         # The same shot is played otherwise.
