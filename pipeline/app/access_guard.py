@@ -54,8 +54,8 @@ class AccessKeys:
     token: str = field(default_factory=lambda: secrets.token_urlsafe(18))
     """Of the pages on this machine."""
     pairing: Pairing | None = None
-    devices: dict[str, float] = field(default_factory=dict)
-    """Tokens of paired devices with their ends, s."""
+    devices: dict[str, tuple[str, float]] = field(default_factory=dict)
+    """Address of each paired device and the end of its session, s, by its token."""
 
     def start_pairing(self) -> Pairing:
         """Make a code that works once; an earlier one ends."""
@@ -63,8 +63,12 @@ class AccessKeys:
         self.pairing = Pairing(code, time.monotonic() + CODE_S)
         return self.pairing
 
-    def pair(self, code: str) -> str:
+    def pair(self, code: str, device: str) -> str:
         """Pair a device.
+
+        Args:
+            code: What it read.
+            device: Its address in the network.
 
         Returns:
             The token of the device.
@@ -82,13 +86,14 @@ class AccessKeys:
             raise Refusal(403, "This code is wrong; scan the code on the page of the computer again.")
         self.pairing = None
         token = secrets.token_urlsafe(18)
-        self.devices[token] = time.monotonic() + SESSION_S
+        self.devices[token] = device, time.monotonic() + SESSION_S
         return token
 
-    def admits(self, token: str, *, is_local: bool) -> bool:
-        """Whether a token opens the page: that of this machine works on this machine only."""
+    def admits(self, token: str, device: str = "") -> bool:
+        """Whether a token opens the page for a device, or for this machine itself where that is empty."""
         now = time.monotonic()
-        tokens = [self.token] if is_local else [one for one, ends in self.devices.items() if now < ends]
+        tokens = [one for one, (owner, ends) in self.devices.items() if now < ends and owner == device]
+        tokens = tokens if device else [self.token]
         return any(secrets.compare_digest(token.encode(), one.encode()) for one in tokens)
 
 
@@ -140,12 +145,13 @@ class AccessGuard:
         hosts = {f"{name}:{port}" for name in ((LOOPBACK, "localhost") if is_local else (host,))}
         if headers.getlist("host") == [] or not hosts.issuperset(headers.getlist("host")):
             raise Refusal(400, "This server answers to its own address only.")
-        if not is_local and not self._allowances.setdefault(scope["client"][0], _Allowance()).take():
+        device = "" if is_local else str(scope["client"][0])
+        if device and not self._allowances.setdefault(device, _Allowance()).take():
             raise Refusal(429, "These are too many requests; wait a few seconds.")
-        if scope["path"] == "/pair" and not is_local and scope["method"] == "GET":
+        if scope["path"] == "/pair" and device and scope["method"] == "GET":
             codes = parse_qs(scope["query_string"].decode("latin-1")).get("code", [""])
-            return RedirectResponse(f"/{self._keys.pair(codes[0])}/", 303)
-        if not self._keys.admits(scope["path"].split("/")[1], is_local=is_local):
+            return RedirectResponse(f"/{self._keys.pair(codes[0], device)}/", 303)
+        if not self._keys.admits(scope["path"].split("/")[1], device):
             raise Refusal(404, "There is nothing at this address.")
         is_change = scope["method"] not in ("GET", "HEAD")
         if is_change and headers.get("origin", f"http://{headers['host']}") != f"http://{headers['host']}":

@@ -5,8 +5,9 @@ from __future__ import annotations
 import asyncio
 import json
 import socket
-from collections.abc import AsyncIterator
-from dataclasses import asdict
+import webbrowser
+from collections.abc import AsyncIterator, Callable
+from contextlib import suppress
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path, PurePosixPath
@@ -28,6 +29,8 @@ from pipeline.app.job_queue import JobQueue
 from pipeline.app.refusals import Refusal, read_json_body
 from pipeline.app.shot_library import FILE_TYPES, ShotLibrary
 from pipeline.app.uploads import MAX_UPLOAD_BYTES, UploadDesk
+from pipeline.engine.atomic_write import require_writable_folder
+from pipeline.terminal.command_line import print_note
 
 # Types of the files of the page; those with other suffixes are not served.
 PAGE_TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml",
@@ -67,9 +70,11 @@ class AppServer:
             except OSError as error:
                 raise OptionError(f"--port is a free port of this machine; {port}: {error.strerror}") from error
             port = self._sockets[0].getsockname()[1]
-        app = build_app(library, self.queue, self.keys, f"http://{hosts[1]}:{port}" if lan else "")
+        network = f"http://{hosts[1]}:{port}" if lan else ""
+        app = build_app(library, self.queue, self.keys, network, lambda: self._server.should_exit)
         config = uvicorn.Config(app, log_level="error", lifespan="off", access_log=False, server_header=False,
-                                proxy_headers=False, timeout_graceful_shutdown=1)  # fmt: skip
+                                proxy_headers=False,
+            ws="none", timeout_graceful_shutdown=2)  # fmt: skip
         self._server = uvicorn.Server(config)
 
     @property
@@ -106,17 +111,46 @@ def find_network_address() -> str:
         return str(probe.getsockname()[0])
 
 
-def build_app(library: ShotLibrary, queue: JobQueue, keys: AccessKeys, network: str = "") -> Starlette:
+def open_page(library: ShotLibrary, port: int, *, browser: bool, lan: bool = False, shot: Path | None = None) -> None:
+    """Serve a library until the process is interrupted, and open its page.
+
+    Args:
+        port: Port of the page; 0 for a free one.
+        browser: Whether to open it in the browser.
+        lan: Whether devices in the same network may be paired.
+        shot: Folder of a shot in the library, which the page shows first.
+
+    Raises:
+        OptionError: The library cannot be written, or the port is taken.
+    """
+    require_writable_folder(library.root)
+    server = AppServer(library, port, lan=lan)
+    address = server.url if shot is None else f"{server.url}#/shot/{library.identify(shot)}"
+    print_note(f"The page is at {address} (end with Ctrl-C)")
+    if browser:
+        webbrowser.open(address)
+    with suppress(KeyboardInterrupt):  # the way to end it
+        server.run()
+
+
+def build_app(
+    library: ShotLibrary,
+    queue: JobQueue,
+    keys: AccessKeys,
+    network: str = "",
+    is_stopping: Callable[[], bool] = lambda: False,
+) -> Starlette:
     """Build the application of a library.
 
     Args:
         keys: Who may ask; the first part of every path is one of its tokens.
         network: Address in the network, such as `http://192.168.1.5:8000`; empty where devices cannot be paired.
+        is_stopping: Whether the server ends, so that streams of events end too.
 
     Returns:
         The application.
     """
-    handlers = LibraryHandlers(library, queue, keys, network)
+    handlers = LibraryHandlers(library, queue, keys, network, is_stopping)
     api: list[BaseRoute] = [
         Route("/library", handlers.send_library),
         Route("/events", handlers.send_events),
@@ -197,9 +231,11 @@ def _require_local(request: Request) -> None:
 class LibraryHandlers:
     """Handlers of the library: its list, its files, its changes."""
 
-    def __init__(self, library: ShotLibrary, queue: JobQueue, keys: AccessKeys, network: str) -> None:
+    def __init__(
+        self, library: ShotLibrary, queue: JobQueue, keys: AccessKeys, network: str, is_stopping: Callable[[], bool]
+    ) -> None:
         self._library, self._queue, self._keys, self._network = library, queue, keys, network
-        self._uploads = UploadDesk(library, queue)
+        self._uploads, self._is_stopping = UploadDesk(library, queue), is_stopping
 
     async def send_library(self, request: Request) -> Response:
         """Send all cards, the queue and the use of the disk."""
@@ -210,7 +246,7 @@ class LibraryHandlers:
         busy = self._queue.list_running()
         document = {
             "revision": self._library.revision,
-            "shots": [asdict(card) | ({"state": "running"} if card.id in busy else {}) for card in cards],
+            "shots": [card.describe() | ({"state": "running"} if card.id in busy else {}) for card in cards],
             "jobs": jobs,
             "disk": self._library.measure_disk(),
             "local": is_local,
@@ -320,7 +356,7 @@ class LibraryHandlers:
         self._library.listeners.append(listen)
         try:
             yield "retry: 1000\n\n"
-            while True:
+            while not self._is_stopping():
                 try:
                     message = await asyncio.wait_for(waiting.get(), WATCH_S)
                     yield f"data: {json.dumps(message)}\n\n"

@@ -120,7 +120,8 @@ class JobQueue:
         """Describe a job for the page."""
         shot = self._identify(job) if self._library.has_card(self._identify(job)) else None
         own = {key: value for key, value in asdict(job).items() if key not in ("clip", "arguments", "folder", "ended")}
-        return {**own, "found": list(job.found), "preview": job.preview_revision > 0, "shot": shot}
+        action = job.arguments[0] if job.arguments else ""
+        return {**own, "action": action, "found": list(job.found), "preview": job.preview_revision > 0, "shot": shot}
 
     def _identify(self, job: Job) -> str:
         return self._library.identify(self._library.root / job.folder)
@@ -400,7 +401,7 @@ def _is_unchecked(job: Job) -> bool:
 
 def _read_job(path: Path) -> Job | None:
     """Read a job; None where the file is damaged or has just gone."""
-    with suppress(OSError, ValueError, TypeError, RecursionError):
+    with suppress(OSError, ValueError, TypeError, KeyError, RecursionError):
         document = json.loads(path.read_bytes())
         job = Job(**{**document, "arguments": tuple(document["arguments"]), "found": tuple(document["found"])})
         return job if job.id == path.stem and job.state in OPEN_STATES + ENDED_STATES else None

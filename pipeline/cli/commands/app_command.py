@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import webbrowser
-from contextlib import suppress
+import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from pipeline.engine.atomic_write import require_writable_folder
+from pipeline.engine.result_cache import CACHE_VARIABLE
 from pipeline.terminal import command_line as cli
 
 
@@ -19,6 +18,7 @@ def app(
     port: Annotated[int, typer.Option(min=0, max=65535)] = 0,
     browser: Annotated[bool, typer.Option("--browser/--no-browser")] = True,
     lan: bool = False,
+    cache: cli.CacheOption = None,
 ) -> None:
     """Open a page in the browser: drop clips, watch them run, ask, correct and compare shots.
 
@@ -28,13 +28,9 @@ def app(
         browser: Open the page in the browser.
         lan: Let a phone in the same network open the page, with a code that the page shows.
     """
-    from pipeline.app.app_server import AppServer
+    from pipeline.app.app_server import open_page
     from pipeline.app.shot_library import ShotLibrary
 
-    require_writable_folder(library)
-    server = AppServer(ShotLibrary(library), port, lan=lan)
-    cli.print_note(f"The page is at {server.url} (end with Ctrl-C)")
-    if browser:
-        webbrowser.open(server.url)
-    with suppress(KeyboardInterrupt):  # the way to end it
-        server.run()
+    if cache is not None:
+        os.environ[CACHE_VARIABLE] = str(cache.absolute())  # also for the processes that the page starts
+    open_page(ShotLibrary(library), port, browser=browser, lan=lan)

@@ -102,7 +102,7 @@ def _report_to_json(report: FilmingReport) -> dict[str, Any]:
         "balls": None if report.refusal or scene is None else report.ball_count,
         "warnings": [] if report.refusal or scene is None else list(scene.warnings),
         "bits_per_pixel": report.bits_per_pixel if math.isfinite(report.bits_per_pixel) else None,
-        "sentences": [VERDICT_WORDS[report.verdict], *_list_sentences(report)],
+        "sentences": [VERDICT_WORDS[report.verdict], *(line for part in _list_sentences(report) for line in part)],
         "measurements": [
             {
                 "code": one.code,
@@ -126,17 +126,18 @@ def _print_report(report: FilmingReport) -> None:
         for one in report.measurements
     )
     cli.print_rows(("", "", "measured", "good"), rows)
-    for line in _list_sentences(report):
+    located, remarks = _list_sentences(report)
+    for line in (*located, *(f"- {remark}" for remark in remarks)):
         screen.print(line, markup=False, soft_wrap=True)
     screen.print(VERDICT_WORDS[report.verdict], markup=False)
 
 
-def _list_sentences(report: FilmingReport) -> list[str]:
-    """List what was located and what to change."""
+def _list_sentences(report: FilmingReport) -> tuple[list[str], list[str]]:
+    """List what was located, and what is doubtful or should be changed."""
     scene, advice = report.view.scene, format_advice(report.measurements, report.refusal)
-    located = [] if scene is None or report.refusal else [format_located_table(scene.table, report.ball_count)]
-    warnings = scene.warnings if scene is not None and located else ()
-    return [*located, *(f"- {line}" for line in (*warnings, *advice))]
+    if scene is None or report.refusal:
+        return [], advice
+    return [format_located_table(scene.table, report.ball_count)], [*scene.warnings, *advice]
 
 
 def _draw_still(report: FilmingReport) -> ImageArray:
