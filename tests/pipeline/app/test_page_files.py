@@ -70,7 +70,7 @@ def test_no_word_lies_outside_the_file_of_strings(script: Path) -> None:
 
 
 def test_literal_words_are_found_wherever_they_hide() -> None:
-    source = "html`<p title=\"Tip\" class=${`a ${b} c`}>${x ? html`<b>Bold ${y}</b>` : null}<i>Plain</i> ${text.z}</p>`"
+    source = 'html`<p title="Tip" class=${`a ${b} c`}>${x ? html`<b>Bold ${y}</b>` : null}<i>Plain</i> ${text.z}</p>`'
     assert sorted(find_words(source)) == ["Bold ", "Plain", "Tip"]
 
 

@@ -37,7 +37,8 @@ export function CardGrid({ cards, chosen, onChoose }) {
   const height = Math.max(0, rows * (CARD_HEIGHT + GAP) - GAP);
   return html`<div class="card-grid" ref=${grid} style=${{ height: `${height}px` }}>
     <ul style=${{ top: `${first * (CARD_HEIGHT + GAP)}px`, gridTemplateColumns: `repeat(${view.columns}, minmax(0, 1fr))` }}>
-      ${shown.map((card, k) => html`<${Card} key=${card.id} card=${card} isChosen=${chosen.has(card.id)} onChoose=${onChoose}
+      ${shown.map((card, k) => html`<${Card} key=${card.id} card=${card} isChosen=${chosen.has(card.id)}
+        onChoose=${onChoose}
         place=${first * view.columns + k + 1} count=${cards.length} />`)}
     </ul></div>`;
 }
@@ -57,10 +58,12 @@ function Card({ card, isChosen, onChoose, place, count }) {
         : html`<span class="no-thumb">${text.kinds[kind] ?? kind}</span>`}
       ${card.seconds > 0 && html`<span class="length">${text.seconds(card.seconds)}</span>`}
     </a>
-    ${!PAGES.has(kind) && html`<label class="pick"><input type="checkbox" checked=${isChosen} aria-label=${text.library.pick(name)}
+    ${!PAGES.has(kind) && html`<label class="pick"><input type="checkbox" checked=${isChosen}
+      aria-label=${text.library.pick(name)}
       onChange=${(event) => onChoose(id, event.target.checked)} /></label>`}
     <h2><a href=${address}>${name}</a></h2>
-    <p class="outcome ${state === "failed" ? "failed" : ""}" title=${error || outcome}>${error || outcome || text.library.noOutcome}</p>
+    <p class="outcome ${state === "failed" ? "failed" : ""}"
+      title=${error || outcome}>${error || outcome || text.library.noOutcome}</p>
     <p class="facts">${trust && html`<${TrustMark} level=${trust} />`}<span>${listFacts(card)}</span></p>
   </li>`;
 }
