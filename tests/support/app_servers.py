@@ -61,7 +61,7 @@ def serve_synthetic_shot(folder: Path, outcomes: tuple[MarkOutcome, ...] = ()) -
         out = folder / "out"
         out.mkdir()
         save_shot(make_unexplained_shot(values[1], values[0]), out)
-        write_json({"fps": RATE}, out / "scene.json")
+        write_json({"scene": "billiards", "fps": RATE}, out / "scene.json")
         write_json({"path": str(clip.path)}, out / "source.json")
         run = ClipRun(RATE, *values)
         with patch.object(open_shots.OpenShot, "run", property(lambda _: run)), serve_app(folder) as server:
