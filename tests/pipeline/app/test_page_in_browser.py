@@ -25,9 +25,10 @@ pytestmark = pytest.mark.slow
 
 TOUCH_PX = 44
 """Least size of what a finger must hit."""
-SMALL = f"""return [...document.querySelectorAll("button:not(.tick), .button, select, input:not([type=checkbox]), [role=tab], nav a")]
-.map((one) => [one, one.getBoundingClientRect()]).filter(([one, box]) => box.width && !one.matches(".link")
-&& box.height < {TOUCH_PX} - 0.5).map(([one]) => one.outerHTML.slice(0, 120))"""
+SMALL = f"""const touched = "button:not(.tick), .button, select, input:not([type=checkbox]), [role=tab], nav a";
+return [...document.querySelectorAll(touched)].map((one) => [one, one.getBoundingClientRect()])
+.filter(([one, box]) => box.width && !one.matches(".link") && box.height < {TOUCH_PX} - 0.5)
+.map(([one]) => one.outerHTML.slice(0, 120))"""
 """Script: what is too small for a finger."""
 SHOWN = """return [...document.querySelectorAll(arguments[0])]
 .find((one) => one.checkVisibility() && one.innerText.includes(arguments[1]))"""
@@ -124,7 +125,11 @@ def test_a_visitor_goes_from_a_clip_to_answers_corrections_and_a_comparison(
         document = ask_app(server, "GET", f"api/shots/{shot}")
         names = [ball["name"] for ball in document["run"]["balls"]]
         rails = document["run"]["rails"]
-        verdicts = [visitor.ask(names[0], names[1]), visitor.ask(names[0], rails["left"]), visitor.ask(names[1], rails["top"])]
+        verdicts = [
+            visitor.ask(names[0], names[1]),
+            visitor.ask(names[0], rails["left"]),
+            visitor.ask(names[1], rails["top"]),
+        ]
         assert all("sure" in verdict for verdict in verdicts)
 
         # The same shot is played otherwise.
