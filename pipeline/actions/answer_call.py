@@ -66,7 +66,7 @@ def answer_question(record: ShotRecord, words: Sequence[str], edge: bool = False
     Raises:
         OptionError: The question is malformed, or names an unknown ball, pocket or line.
     """
-    kind, *rest = " ".join(words).split()
+    kind, *rest = " ".join(words).split() or [""]
     if kind not in QUESTIONS or not (rest or kind in ("score", "foul")):
         raise OptionError(f"{USAGE}; got {' '.join(words)!r}")
     if edge and kind != "line":

@@ -74,7 +74,7 @@ def state_rally_call(
     Raises:
         OptionError: The question is malformed, or names an unknown area.
     """
-    kind, *rest = " ".join(words).split()
+    kind, *rest = " ".join(words).split() or [""]
     if kind not in QUESTIONS or (kind == "net" and (rest or area)) or len([*rest, *([area] if area else [])]) > 1:
         question = " ".join([*words, *([f"--{area}"] if area else [])])
         raise OptionError(

@@ -8,27 +8,20 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 from urllib.parse import urlsplit
 
-from support import synthetic_run as synthetic
+from support.edit_sessions import HANG_S, replace_runs
+from support.synthetic_run import RATE, make_unexplained_shot, save_shot
 
 import pipeline.app.open_shots as open_shots
-import pipeline.editing.edit_session as edit_session
 from models.core.fit_result import MarkOutcome
 from pipeline.app.app_server import AppServer
 from pipeline.app.shot_library import ShotLibrary
 from pipeline.editing.run_view import ClipRun
-from pipeline.engine.result_cache import ResultCache
 from pipeline.io.strict_json import write_json
-
-HANG_S = 600.0
-"""Time after which a server hangs, s."""
-SHOWN_TABLES = "ab" * 32
-"""Digest of the tables of the made-up run."""
 
 
 @contextmanager
@@ -59,34 +52,20 @@ def ask_app(server: AppServer, method: str, path: str, body: object = None, **he
 
 
 @contextmanager
-def serve_synthetic_shot(
-    folder: Path, outcomes: tuple[MarkOutcome, ...] = ()
-) -> Iterator[tuple[AppServer, str]]:
+def serve_synthetic_shot(folder: Path, outcomes: tuple[MarkOutcome, ...] = ()) -> Iterator[tuple[AppServer, str]]:
     """Serve the page of a library with one made-up shot, which no correction changes; yield server and id of the shot.
 
     `outcomes` are those of its marks.
     """
-    clip = synthetic.write_clip(folder / "shot.mp4")
-    scene = synthetic.make_scene()
-    tracks = synthetic.make_tracks(clip, scene)
-    fit = replace(synthetic.make_unsure_fit(tracks.t), mark_outcomes=outcomes)
-    out = folder / "out"
-    out.mkdir()
-    synthetic.save_shot(synthetic.make_unexplained_shot(tracks, scene), out)
-    write_json({"fps": synthetic.RATE}, out / "scene.json")
-    write_json({"path": str(folder / "shot.mp4")}, out / "source.json")
-    run = ClipRun(synthetic.RATE, scene, tracks, fit, SHOWN_TABLES)
-
-    def run_tables(*_: object) -> tuple[object, ...]:
-        return replace(clip, path=folder / "shot.mp4"), scene, tracks, fit, SHOWN_TABLES
-
-    with (
-        patch.object(edit_session, "run_tables", run_tables),
-        patch.object(open_shots.OpenShot, "run", property(lambda _: run)),
-        patch.object(open_shots, "open_cache", lambda _: ResultCache(folder / "cache")),
-        serve_app(folder) as server,
-    ):
-        yield server, server.library.identify(out)
+    with replace_runs(folder, outcomes=outcomes) as (clip, values):
+        out = folder / "out"
+        out.mkdir()
+        save_shot(make_unexplained_shot(values[1], values[0]), out)
+        write_json({"scene": "billiards", "fps": RATE}, out / "scene.json")
+        write_json({"path": str(clip.path)}, out / "source.json")
+        run = ClipRun(RATE, *values)
+        with patch.object(open_shots.OpenShot, "run", property(lambda _: run)), serve_app(folder) as server:
+            yield server, server.library.identify(out)
 
 
 def wait_for_corrections(server: AppServer, shot: str, seconds: float = HANG_S) -> dict[str, Any]:

@@ -23,12 +23,15 @@ function App() {
   }, [route.view, route.id]);
   const View = VIEWS[route.view];
   return html`
-    <a class="skip" href="#main" onClick=${(event) => { event.preventDefault(); document.getElementById("main").focus(); }}>${text.app.skip}</a>
+    <a class="skip" href="#main"
+      onClick=${(event) => { event.preventDefault(); document.getElementById("main").focus(); }}>${text.app.skip}</a>
     <header class="bar">
       <a class="brand" href=${routeTo("library")}><img src="icon.svg" alt="" width="28" height="28" />${text.app.name}</a>
       <nav aria-label=${text.app.views}>
-        <a href=${routeTo("library")} aria-current=${route.view === "library" ? "page" : undefined}>${text.library.title}</a>
-        ${lan && local && html`<a href=${routeTo("phone")} aria-current=${route.view === "phone" ? "page" : undefined}>${text.phone.title}</a>`}
+        <a href=${routeTo("library")} aria-current=${route.view === "library" ? "page" : undefined}>${text.library.title}
+          </a>
+        ${lan && local && html`<a href=${routeTo("phone")}
+          aria-current=${route.view === "phone" ? "page" : undefined}>${text.phone.title}</a>`}
       </nav>
     </header>
     ${!isOnline && html`<p class="offline" role="alert">${text.errors.offline}</p>`}

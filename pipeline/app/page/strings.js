@@ -75,6 +75,7 @@ export const text = {
     count: (shown, all) => (shown === all ? plural(all, "shot") : `${shown.toLocaleString(LOCALE)} of ${plural(all, "shot")}`),
     pick: (name) => `Select ${name}`,
     balls: (count) => plural(count, "ball"),
+    states: { quick: "slow motion to come", running: "in work" },
     noOutcome: "Nothing is known of it yet.",
     selection: "Selected shots",
     selected: (count) => `${plural(count, "shot")} selected`,
@@ -218,6 +219,7 @@ export const text = {
   },
   session: {
     missing: "There is no such comparison any more.",
+    empty: "No shot was found in this recording.",
     open: "In its own window",
     frame: (name) => `Page of ${name}`,
   },

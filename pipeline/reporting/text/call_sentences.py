@@ -48,8 +48,8 @@ SAME_FACTS: dict[str, QuestionKind] = {"no-contact": "first", "wrong-ball": "fir
 NO_CONTACT: tuple[QuestionKind, ...] = ("first", "no-contact")
 # Questions in two words, of any balls; facts of the rules have their name in the rulebook.
 TOPICS: dict[QuestionKind, str] = {
-    "contact": "touched", "rail": "rail hit", "first": "first ball", "cushion-first": "rail before a ball", "pocket": "potted",
-    "line": "line crossed", "score": "score", "cushions": "point with cushions", "foul": "foul",
+    "contact": "touched", "rail": "rail hit", "first": "first ball", "cushion-first": "rail before a ball",
+    "pocket": "potted", "line": "line crossed", "score": "score", "cushions": "point with cushions", "foul": "foul",
 }  # fmt: skip
 # Why a pass is no contact although its gap is within the error: the contact test knows the motion after it too.
 UNCHANGED = "; the gap alone would allow a touch, but no ball changed its motion"
@@ -286,8 +286,8 @@ def _format_margin(call: CallAnswer, naming: Naming) -> str:
         return ""
     if call.kind == "frozen":
         return f"{_format_mm(call.margin, call.margin_sigma)} {'of overlap' if is_yes else 'of air'} between them"
-    rail = {"no-rail": call.met, "rail": call.subject[-1]}.get(call.kind)
-    inside, target = "past", "the line" if rail is None else naming.say(rail)
+    targets = {"no-rail": naming.say(call.met), "rail": "it"}
+    inside, target = "past", targets.get(call.kind, "the line")
     if call.kind in ("pocket", "scratch"):
         inside, target = "inside", f"the mouth of the {naming.name_pocket(call.subject[1])}"
     return f"{_format_mm(call.margin, call.margin_sigma)} {'short of' if call.margin > 0 else inside} {target}"

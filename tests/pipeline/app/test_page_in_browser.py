@@ -25,9 +25,10 @@ pytestmark = pytest.mark.slow
 
 TOUCH_PX = 44
 """Least size of what a finger must hit."""
-SMALL = f"""return [...document.querySelectorAll("button:not(.tick), .button, select, input:not([type=checkbox]), [role=tab], nav a")]
-.map((one) => [one, one.getBoundingClientRect()]).filter(([one, box]) => box.width && !one.matches(".link")
-&& box.height < {TOUCH_PX} - 0.5).map(([one]) => one.outerHTML.slice(0, 120))"""
+SMALL = f"""const touched = "button:not(.tick), .button, select, input:not([type=checkbox]), [role=tab], nav a";
+return [...document.querySelectorAll(touched)].map((one) => [one, one.getBoundingClientRect()])
+.filter(([one, box]) => box.width && !one.matches(".link") && box.height < {TOUCH_PX} - 0.5)
+.map(([one]) => one.outerHTML.slice(0, 120))"""
 """Script: what is too small for a finger."""
 SHOWN = """return [...document.querySelectorAll(arguments[0])]
 .find((one) => one.checkVisibility() && one.innerText.includes(arguments[1]))"""

@@ -81,7 +81,8 @@ def test_a_rail_that_was_not_hit_is_as_far_as_the_ball_stayed(trueroll: Terminal
     assert (answer["verdict"], answer["asked"]) == ("no", "Did the white hit the right short cushion?")
     assert answer["margin_mm"] == pytest.approx(1e3 * (2.0 - end - 0.03), abs=2.0)
     text = trueroll("call", folder, "rail", "white", "right", "-o", tmp_path).out
-    assert "mm short of the right short cushion" in text
+    assert "the white did not hit the right short cushion; 100" in text
+    assert "mm short of it at " in text
     assert "When the clip ends, the white still moves: what comes later is not judged." in text
 
 

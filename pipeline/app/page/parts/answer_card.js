@@ -10,7 +10,8 @@ export function AnswerCard({ shot }) {
     return html`<section class="answer" aria-label=${text.answer.label} aria-busy=${isAsking}>
       <p class="sentence">${isAsking ? text.answer.asking : doc.summary?.[0] ?? text.answer.none}</p></section>`;
   }
-  if (answer.error) return html`<section class="answer" aria-label=${text.answer.label}><p class="sentence" role="status">${answer.error}</p></section>`;
+  if (answer.error) return html`<section class="answer" aria-label=${text.answer.label}><p class="sentence"
+    role="status">${answer.error}</p></section>`;
   const { question, verdict, probability, sentence, t, t_sigma: sigma, margin_mm: margin, margin_sigma_mm: marginSigma, reasons, picture } = answer;
   const isUnsure = !(probability >= 0.9);
   return html`<section class=${`answer ${isAsking ? "busy" : ""}`} aria-label=${text.answer.label} aria-live="polite">
@@ -18,11 +19,15 @@ export function AnswerCard({ shot }) {
     <p class="verdict"><strong>${verdict}</strong>${Number.isFinite(probability)
       && html`<span class=${`sure ${isUnsure ? "unsure" : ""}`}>${text.answer.sure(probability)}</span>`}</p>
     <p class="sentence">${sentence}</p>
-    ${picture && html`<a class="close-up" href=${picture} target="_blank" rel="noopener"><img src=${picture} alt=${text.answer.picture(question)} /></a>`}
+    ${picture && html`<a class="close-up" href=${picture} target="_blank" rel="noopener"><img src=${picture}
+      alt=${text.answer.picture(question)} /></a>`}
     <dl class="measures">
-      ${Number.isFinite(t) && html`<div><dt>${text.answer.time}</dt><dd><button class="link" onClick=${() => { shot.player.pause(); shot.player.seek(t); }}>${text.time(t, sigma)}</button></dd></div>`}
-      ${Number.isFinite(margin) && html`<div><dt>${text.answer.margin(margin)}</dt><dd>${text.millimetres(Math.abs(margin), marginSigma)}</dd></div>`}
+      ${Number.isFinite(t) && html`<div><dt>${text.answer.time}</dt><dd><button class="link"
+        onClick=${() => { shot.player.pause(); shot.player.seek(t); }}>${text.time(t, sigma)}</button></dd></div>`}
+      ${Number.isFinite(margin) && html`<div><dt>${text.answer.margin(margin)}</dt>
+        <dd>${text.millimetres(Math.abs(margin), marginSigma)}</dd></div>`}
     </dl>
-    ${reasons?.length > 0 && html`<details><summary>${text.answer.reasons}</summary><ul>${reasons.map((one) => html`<li key=${one}>${one}</li>`)}</ul></details>`}
+    ${reasons?.length > 0 && html`<details><summary>${text.answer.reasons}</summary>
+      <ul>${reasons.map((one) => html`<li key=${one}>${one}</li>`)}</ul></details>`}
   </section>`;
 }

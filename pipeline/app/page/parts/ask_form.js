@@ -22,16 +22,20 @@ export function AskForm({ shot }) {
     if (first) shot.tap(first);
     if (first && second && key(first) !== key(second)) shot.tap(second);
   };
-  const list = (name, value, empty, options, onChange) => html`<select id=${name} aria-label=${text.ask[name]} value=${value} onChange=${onChange}>
+  const list = (name, value, empty, options, onChange) => html`<select id=${name} aria-label=${text.ask[name]}
+    value=${value} onChange=${onChange}>
     <option value="">${empty}</option>
-    ${KINDS.map((kind) => options.some((body) => body.kind === kind) && html`<optgroup key=${kind} label=${text.ask.kinds[kind]}>
-      ${options.filter((body) => body.kind === kind).map((body) => html`<option key=${key(body)} value=${key(body)} selected=${key(body) === value}>${body.name}</option>`)}
+    ${KINDS.map((kind) => options.some((body) => body.kind === kind) && html`<optgroup key=${kind}
+      label=${text.ask.kinds[kind]}>
+      ${options.filter((body) => body.kind === kind).map((body) => html`<option key=${key(body)} value=${key(body)}
+        selected=${key(body) === value}>${body.name}</option>`)}
     </optgroup>`)}</select>`;
   return html`<div class="ask" role="group" aria-label=${text.ask.label}>
     <span class="ask-words">${text.ask.did}</span>
     ${list("ask-one", key(one), text.ask.chooseBall, one && one.kind !== "ball" ? all : all.filter((body) => body.kind === "ball"), (event) => choose(find(event.target.value), two))}
     <span class="ask-words">${text.ask.touch}</span>
     ${list("ask-two", key(two), text.ask.chooseOther, all.filter((body) => key(body) !== key(one)), (event) => choose(one, find(event.target.value)))}
-    <button class="plain" id="ask-first" onClick=${() => { shot.desk.set({ bodies: [] }); shot.ask({ question: "first" }); }}>${text.ask.first}</button>
+    <button class="plain" id="ask-first"
+      onClick=${() => { shot.desk.set({ bodies: [] }); shot.ask({ question: "first" }); }}>${text.ask.first}</button>
   </div>`;
 }

@@ -29,13 +29,16 @@ export function Plan({ shot }) {
   const path = event && plan.paths.find((one) => one.id === event.a);
   const place = path && placeAt(path, event.t);
   const chosen = (kind, id) => bodies.some((one) => one.kind === kind && one.id === id);
-  return html`<figure class="plan"><svg ref=${svg} class=${`plan-svg ${doc.kind}`} viewBox=${`${left} ${top} ${wide} ${high}`} role="img"
+  return html`<figure class="plan"><svg ref=${svg} class=${`plan-svg ${doc.kind}`}
+    viewBox=${`${left} ${top} ${wide} ${high}`} role="img"
       aria-label=${text.plan.label(doc.name)} onClick=${onClick}>
     ${doc.kind === "rally" ? html`<${Court} plan=${plan} margin=${margin} landings=${doc.landings ?? []} />`
       : html`<${Table} plan=${plan} margin=${margin} chosen=${chosen} />`}
     ${paths.map(([id, d, k]) => html`<path key=${k} class="path" d=${d} stroke=${colours.get(id)} />`)}
-    ${tab === "play" && played?.paths.map((path) => html`<path key=${`played ${path.id}`} class="path played" d=${drawPath(path, Infinity)} stroke=${colours.get(path.id)} />`)}
-    ${tab === "placement" && rings?.balls.map((one) => html`<circle key=${`ring ${one.id}`} class="ring" cx=${one.xy[0]} cy=${one.xy[1]}
+    ${tab === "play" && played?.paths.map((path) => html`<path key=${`played ${path.id}`} class="path played"
+      d=${drawPath(path, Infinity)} stroke=${colours.get(path.id)} />`)}
+    ${tab === "placement" && rings?.balls.map((one) => html`<circle key=${`ring ${one.id}`} class="ring" cx=${one.xy[0]}
+      cy=${one.xy[1]}
       r=${plan.ball_radius + 2 * one.sigma_mm / 1000} />`)}
     ${place && html`<circle class="contact-mark" cx=${place[0]} cy=${place[1]} r=${1.7 * (plan.ball_radius ?? 0.05)} />`}
     <${MovingBalls} shot=${shot} plan=${plan} balls=${balls} played=${tab === "play" ? played : null} chosen=${chosen} />
@@ -47,19 +50,24 @@ function Table({ plan, margin, chosen }) {
   const { length, width } = plan;
   const rails = { top: [0, 0, length, 0], bottom: [0, width, length, width], left: [0, 0, 0, width], right: [length, 0, length, width] };
   const spots = [1, 2, 3].map((k) => [length * k / 4, width / 2]);
-  return html`<g><rect class="rail" x=${-margin} y=${-margin} width=${length + 2 * margin} height=${width + 2 * margin} rx=${margin * 0.8} />
+  return html`<g><rect class="rail" x=${-margin} y=${-margin} width=${length + 2 * margin} height=${width + 2 * margin}
+    rx=${margin * 0.8} />
     <rect class="cloth" x="0" y="0" width=${length} height=${width} />
     ${spots.map(([x, y]) => html`<circle key=${x} class="dot" cx=${x} cy=${y} r=${length / 500} />`)}
-    ${Object.entries(rails).map(([id, [x1, y1, x2, y2]]) => html`<line key=${id} class=${`nose ${chosen("rail", id) ? "chosen" : ""}`} data-rail=${id}
+    ${Object.entries(rails).map(([id, [x1, y1, x2, y2]]) => html`<line key=${id}
+      class=${`nose ${chosen("rail", id) ? "chosen" : ""}`} data-rail=${id}
       x1=${x1} y1=${y1} x2=${x2} y2=${y2} />`)}
-    ${plan.pockets.map((one) => html`<circle key=${one.name} class=${`pocket ${chosen("pocket", one.name) ? "chosen" : ""}`} data-pocket=${one.name}
+    ${plan.pockets.map((one) => html`<circle key=${one.name} class=${`pocket ${chosen("pocket", one.name) ? "chosen" : ""}`}
+      data-pocket=${one.name}
       cx=${one.x} cy=${one.y} r=${one.radius} />`)}</g>`;
 }
 
 function Court({ plan, margin, landings }) {
-  return html`<g><rect class="court-around" x=${-margin} y=${-margin} width=${plan.length + 2 * margin} height=${plan.width + 2 * margin} />
+  return html`<g><rect class="court-around" x=${-margin} y=${-margin} width=${plan.length + 2 * margin}
+    height=${plan.width + 2 * margin} />
     <rect class="court" x="0" y="0" width=${plan.length} height=${plan.width} />
-    ${plan.lines.map(([x1, y1, x2, y2], k) => html`<line key=${k} class="court-line" x1=${x1} y1=${y1} x2=${x2} y2=${y2} />`)}
+    ${plan.lines.map(([x1, y1, x2, y2], k) => html`<line key=${k}
+      class="court-line" x1=${x1} y1=${y1} x2=${x2} y2=${y2} />`)}
     ${plan.net && html`<line class="net" x1=${plan.net[0]} y1=${plan.net[1]} x2=${plan.net[2]} y2=${plan.net[3]} />`}
     ${landings.map((one, k) => html`<${Landing} key=${k} one=${one} />`)}</g>`;
 }
@@ -71,7 +79,8 @@ function Landing({ one }) {
   const root = Math.hypot((sxx - syy) / 2, sxy);
   const turn = Math.atan2(2 * sxy, sxx - syy) / 2 * 180 / Math.PI;
   return html`<g class=${`landing ${one.verdict}`}><title>${one.text}</title>
-    <ellipse rx=${2 * Math.sqrt(half + root)} ry=${2 * Math.sqrt(Math.max(half - root, 0))} transform=${`translate(${one.x} ${one.y}) rotate(${turn})`} />
+    <ellipse rx=${2 * Math.sqrt(half + root)} ry=${2 * Math.sqrt(Math.max(half - root, 0))}
+      transform=${`translate(${one.x} ${one.y}) rotate(${turn})`} />
     <circle cx=${one.x} cy=${one.y} r="0.05" /></g>`;
 }
 
@@ -83,8 +92,10 @@ function MovingBalls({ shot, plan, balls, played, chosen }) {
     const colour = looks.get(path.id)?.colour ?? "#fff";
     return place && html`<g key=${`${name} ${k}`}>
       ${name === "real" && html`<path class="path past" d=${drawPath(path, t)} stroke=${colour} />`}
-      <circle class=${`plan-ball ${name} ${name === "real" && chosen("ball", path.id) ? "chosen" : ""}`} cx=${place[0]} cy=${place[1]}
-        r=${(plan.ball_radius ?? 0.06) * 1.15} fill=${colour} data-plan-ball=${path.id}><title>${looks.get(path.id)?.name ?? ""}</title></circle></g>`;
+      <circle class=${`plan-ball ${name} ${name === "real" && chosen("ball", path.id) ? "chosen" : ""}`} cx=${place[0]}
+        cy=${place[1]}
+        r=${(plan.ball_radius ?? 0.06) * 1.15} fill=${colour} data-plan-ball=${path.id}>
+          <title>${looks.get(path.id)?.name ?? ""}</title></circle></g>`;
   };
   return html`<g>${plan.paths.map((path, k) => draw(path, "real", k))}${played?.paths.map((path, k) => draw(path, "ghost", k))}</g>`;
 }

@@ -20,14 +20,17 @@ export function ShareDialog({ shot, onClose }) {
       onClick=${(event) => { if (event.target === dialog.current) dialog.current.close(); }}>
     <div class="dialog-body">
       <h2 id="share-title">${text.share.title}</h2>
-      ${error ? html`<p role="alert">${error}</p>` : !files ? html`<p role="status">${text.share.making}</p><progress aria-label=${text.share.making}></progress>`
-        : html`<p>${text.share.ready}</p><ul>${files.map((file) => html`<${SharedFile} key=${file.name} file=${file} />`)}</ul>`}
+      ${error ? html`<p role="alert">${error}</p>` : !files ? html`<p role="status">${text.share.making}</p><progress
+        aria-label=${text.share.making}></progress>`
+        : html`<p>${text.share.ready}</p><ul>${files.map((file) => html`<${SharedFile} key=${file.name} file=${file} />`)}
+          </ul>`}
       <button class="main" onClick=${() => dialog.current.close()}>${text.app.close}</button>
     </div></dialog>`;
 }
 
 function SharedFile({ file }) {
-  return html`<li><span class="file-name">${text.share.files(file.name)}<small>${file.name}${file.bytes ? ` · ${text.bytes(file.bytes)}` : ""}</small></span>
+  return html`<li><span class="file-name">${text.share.files(file.name)}
+    <small>${file.name}${file.bytes ? ` · ${text.bytes(file.bytes)}` : ""}</small></span>
     <a class="button" href=${file.address} download=${file.name}>${text.share.save}</a>
     ${navigator.canShare && html`<button onClick=${() => sendFile(file)}>${text.share.send}</button>`}</li>`;
 }

@@ -37,7 +37,8 @@ export function Stage({ shot }) {
   return html`<div class="stage-box ${question ? "asks" : ""}">
     <div class="scroller" ref=${box} tabindex="0" role="group" aria-label=${text.stage.label} style=${{ "--room": room }}>
       <div class="stage" style=${{ width: `${100 * zoom}%`, aspectRatio: `${width} / ${height}` }}>
-        ${showsFrames ? html`<${FrameImage} shot=${shot} />` : doc.video ? html`<${SlowVideo} shot=${shot} key=${doc.video.file} />`
+        ${showsFrames ? html`<${FrameImage} shot=${shot} />` : doc.video ? html`<${SlowVideo} shot=${shot}
+          key=${doc.video.file} />`
           : html`<p class="no-thumb">${text.stage.noPicture}</p>`}
         ${doc.run && html`<${StageOverlay} shot=${shot} showsFrames=${showsFrames} />`}
         ${question?.point || tab === "correct" ? html`<${Lens} shot=${shot} />` : null}

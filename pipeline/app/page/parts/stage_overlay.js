@@ -76,31 +76,41 @@ export function StageOverlay({ shot, showsFrames }) {
     else tapTable(shot, place, reach);
   };
   const labelled = isCorrecting || showsFrames;
-  return html`<svg id="overlay" ref=${svg} class=${`overlay ${desk.question ? "asks" : ""}`} viewBox=${`-0.5 -0.5 ${width} ${height}`}
+  return html`<svg id="overlay" ref=${svg} class=${`overlay ${desk.question ? "asks" : ""}`}
+    viewBox=${`-0.5 -0.5 ${width} ${height}`}
       aria-label=${text.stage.overlay} role="group" onPointerDown=${onDown} onPointerMove=${onMove} onPointerUp=${onUp}
       onPointerCancel=${() => { drag.current = null; shot.desk.set({ cross: null }); }} onClick=${onClick}>
     ${corners.length > 0 && html`<polygon class="table-line" points=${corners.map((one) => one.join(",")).join(" ")} />`}
     ${isCorrecting && desk.question?.cushions && corners.length > 0 && Object.entries(SIDES).map(([side, [a, b]]) => html`<line key=${side} class="cushion"
-      x1=${corners[a][0]} y1=${corners[a][1]} x2=${corners[b][0]} y2=${corners[b][1]} data-cushion=${side}><title>${run.rails[side]}</title></line>`)}
-    ${showsFrames && run.balls.map((ball) => html`<polyline key=${ball.id} class="trail" stroke=${ball.colour} points=${trail(ball, at)} />`)}
+      x1=${corners[a][0]} y1=${corners[a][1]} x2=${corners[b][0]} y2=${corners[b][1]} data-cushion=${side}>
+        <title>${run.rails[side]}</title></line>`)}
+    ${showsFrames && run.balls.map((ball) => html`<polyline key=${ball.id} class="trail" stroke=${ball.colour}
+      points=${trail(ball, at)} />`)}
     ${balls.map(({ ball, place: [x, y], point }) => {
       const isChosen = chosen.includes(ball.id);
       return html`<g key=${ball.id}>
         ${(showsFrames || isChosen) && html`<circle class="halo" cx=${x} cy=${y} r=${ball.radius + 2.5 * scale} />`}
         <circle class=${`ball ${point && !point[3] ? "filled-in" : ""} ${isChosen ? "chosen" : ""} ${showsFrames || isChosen ? "" : "unseen"}`}
-          cx=${x} cy=${y} r=${ball.radius} stroke=${ball.colour} data-ball=${ball.id}><title>${point && !point[3] ? text.stage.filledIn(ball.name) : ball.name}</title></circle>
-        ${labelled && html`<text class="name" x=${x} y=${y - ball.radius - 6 * scale} font-size=${12 * scale}>${ball.name}</text>`}
+          cx=${x} cy=${y} r=${ball.radius} stroke=${ball.colour} data-ball=${ball.id}>
+            <title>${point && !point[3] ? text.stage.filledIn(ball.name) : ball.name}</title></circle>
+        ${labelled && html`<text class="name" x=${x} y=${y - ball.radius - 6 * scale} font-size=${12 * scale}>${ball.name}
+          </text>`}
       </g>`;
     })}
-    ${showsFrames && run.events.filter((one) => one.px && Math.abs(one.frame - at) <= 1.5).map((one, k) => html`<circle key=${k} class="contact"
+    ${showsFrames && run.events.filter((one) => one.px && Math.abs(one.frame - at) <= 1.5).map((one, k) => html`<circle
+      key=${k} class="contact"
       cx=${one.px[0]} cy=${one.px[1]} r=${16 * scale} />`)}
     ${desk.spot && html`<circle class="halo spot" cx=${desk.spot[0]} cy=${desk.spot[1]} r=${26 * scale} />`}
-    ${desk.tab === "placement" && (desk.rings?.balls ?? []).filter((one) => one.px).map((one) => html`<g key=${`ring ${one.id}`}>
-      <circle class="ring" cx=${one.px[0]} cy=${one.px[1]} r=${one.radius_px} /><circle class="ring-dot" cx=${one.px[0]} cy=${one.px[1]} r=${2 * scale} /></g>`)}
+    ${desk.tab === "placement" && (desk.rings?.balls ?? []).filter((one) => one.px).map((one) => html`<g
+      key=${`ring ${one.id}`}>
+      <circle class="ring" cx=${one.px[0]} cy=${one.px[1]} r=${one.radius_px} /><circle class="ring-dot" cx=${one.px[0]}
+        cy=${one.px[1]} r=${2 * scale} /></g>`)}
     ${corners.map(([x, y], k) => html`<g key=${`corner ${k}`}>
-      <circle class="corner" cx=${x} cy=${y} r=${12 * scale} tabindex="0" role="button" data-corner=${k} aria-label=${text.stage.corner(k, x, y)} />
+      <circle class="corner" cx=${x} cy=${y} r=${12 * scale} tabindex="0" role="button" data-corner=${k}
+        aria-label=${text.stage.corner(k, x, y)} />
       <path class="corner-cross" d=${`M${x - 6 * scale} ${y}h${12 * scale}M${x} ${y - 6 * scale}v${12 * scale}`} /></g>`)}
-    ${desk.cross && html`<path class="crosshair" d=${`M${desk.cross[0] - 14 * scale} ${desk.cross[1]}h${28 * scale}M${desk.cross[0]} ${desk.cross[1] - 14 * scale}v${28 * scale}`} />`}
+    ${desk.cross && html`<path class="crosshair"
+      d=${`M${desk.cross[0] - 14 * scale} ${desk.cross[1]}h${28 * scale}M${desk.cross[0]} ${desk.cross[1] - 14 * scale}v${28 * scale}`} />`}
   </svg>`;
 }
 

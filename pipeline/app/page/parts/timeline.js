@@ -22,23 +22,27 @@ export function Timeline({ shot }) {
   const when = text.timeline.when(frames.distinct[row], t);
   return html`<section class="timeline" aria-label=${text.timeline.label}>
     <div class="time-track">
-      <input id="slider" type="range" min="0" max=${frames.distinct.length - 1} value=${row} aria-label=${text.timeline.frame} aria-valuetext=${when}
+      <input id="slider" type="range" min="0" max=${frames.distinct.length - 1} value=${row}
+        aria-label=${text.timeline.frame} aria-valuetext=${when}
         onInput=${(event) => player.showRow(Number(event.target.value))} />
-      <div class="ticks">${events.map((one, k) => html`<button key=${k} class=${`tick ${one.kind} ${one.probability < SURE ? "unsure" : ""}`}
+      <div class="ticks">${events.map((one, k) => html`<button key=${k}
+        class=${`tick ${one.kind} ${one.probability < SURE ? "unsure" : ""}`}
         style=${{ left: `${100 * Math.max(0, Math.min(1, (one.t - frames.start) / span))}%` }} tabindex="-1" aria-hidden="true" title=${`${one.when}: ${one.text}`}
         onClick=${() => shot.showEvent(one)}></button>`)}</div>
     </div>
     <div class="transport">
       <${IconButton} id="event-before" icon="before" label=${text.timeline.eventBefore} run=${() => shot.stepEvent(-1)} />
       <${IconButton} id="back" icon="back" label=${text.timeline.back} run=${() => player.step(-1)} />
-      <${IconButton} id="play" icon=${isPlaying ? "pause" : "play"} label=${isPlaying ? text.timeline.stop : text.timeline.play}
+      <${IconButton} id="play" icon=${isPlaying ? "pause" : "play"}
+        label=${isPlaying ? text.timeline.stop : text.timeline.play}
         run=${() => player.toggle()} isMain=${true} />
       <${IconButton} id="forward" icon="forward" label=${text.timeline.forward} run=${() => player.step(1)} />
       <${IconButton} id="event-after" icon="after" label=${text.timeline.eventAfter} run=${() => shot.stepEvent(1)} />
       <output id="when">${when}</output>
       <${PictureSwitch} shot=${shot} />
       <div class="switch" role="group" aria-label=${text.timeline.pace}>
-        ${PACES.map((one) => html`<button key=${one} aria-pressed=${one === pace} onClick=${() => player.setPace(one)}>${text.timeline.paces(one)}</button>`)}
+        ${PACES.map((one) => html`<button key=${one} aria-pressed=${one === pace}
+          onClick=${() => player.setPace(one)}>${text.timeline.paces(one)}</button>`)}
       </div>
     </div>
   </section>`;
@@ -46,5 +50,6 @@ export function Timeline({ shot }) {
 
 export function IconButton({ id, icon, label, run, isMain }) {
   return html`<button id=${id} class=${`icon ${isMain ? "main" : ""}`} aria-label=${label} title=${label} onClick=${run}>
-    <svg viewBox="0 0 24 24" width="22" height="22" aria-hidden="true"><path d=${ICONS[icon]} fill="currentColor" /></svg></button>`;
+    <svg viewBox="0 0 24 24" width="22" height="22" aria-hidden="true"><path d=${ICONS[icon]} fill="currentColor" /></svg>
+      </button>`;
 }

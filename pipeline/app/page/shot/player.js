@@ -15,6 +15,12 @@ export class Player {
     this.request = 0;
   }
 
+  /** Follow frames and slow motion that were made anew. */
+  update(frames, video) {
+    this.frames = frames;
+    this.map = video?.map ?? null;
+  }
+
   /** Times that a video plays slower than reality. */
   get factor() {
     const [first, last] = [this.map[0], this.map.at(-1)];

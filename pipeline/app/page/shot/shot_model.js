@@ -1,6 +1,6 @@
 // One shot of the page: its document, what is chosen on it, and what the server is asked about it.
 import { post, read, send, shotAddress } from "../api.js";
-import { notify, notifyError, shotChanges } from "../library_store.js";
+import { library, notify, notifyError, shotChanges } from "../library_store.js";
 import { createStore } from "../store.js";
 import { Frames } from "./frames.js";
 import { findBall, isSameEvent, nameAt, tidy } from "./marks.js";
@@ -25,7 +25,8 @@ export class ShotModel {
     this.player = null;
     this.timer = 0;
     this.isClosed = false;
-    this.stops = [shotChanges.subscribe(() => this.noteChange())];
+    this.revision = library.get().revision;
+    this.stops = [shotChanges.subscribe(() => this.noteChange()), library.subscribe(() => this.noteVideo())];
     this.changes = shotChanges.get()[id] ?? 0;
   }
 
@@ -56,6 +57,14 @@ export class ShotModel {
     this.load();
   }
 
+  /** Look for the slow motion, which is made last, whenever the library has changed. */
+  noteVideo() {
+    const { revision } = library.get();
+    if (revision === this.revision) return;
+    this.revision = revision;
+    if (this.doc && !this.doc.video) this.load();
+  }
+
   async load() {
     try {
       this.setDoc(await read(shotAddress(this.id)));
@@ -70,7 +79,7 @@ export class ShotModel {
     const before = this.doc;
     const frames = doc.run?.frames ?? doc.frames;
     if (frames && !this.player) this.player = new Player(new Frames(frames), doc.video);
-    else if (frames) this.player.frames = new Frames(frames);
+    else if (frames) this.player.update(new Frames(frames), doc.video);
     const { ball, event } = this.desk.get();
     const changed = { corners: null };
     if (doc.run && ball && !findBall(doc.run, ball)) { // a corrected ball may have another id, at the same place

@@ -32,7 +32,8 @@ function Hint({ shot }) {
   const { doc } = useStore(shot.state);
   const { question, check } = useStore(shot.desk);
   const { checks } = doc.run;
-  return html`<div class=${`hint ${question ? "asks" : ""}`}><span id="hint-text" aria-live="polite">${question ? question.words : checks[check]
+  return html`<div class=${`hint ${question ? "asks" : ""}`}><span id="hint-text"
+    aria-live="polite">${question ? question.words : checks[check]
     ? text.correct.check(check + 1, checks.length, checks[check].reason) : text.correct.hint}</span>
     ${question && html`<button id="cancel" onClick=${() => cancelCorrection(shot)}>${text.correct.cancel}</button>`}</div>`;
 }
@@ -51,7 +52,8 @@ function Tools({ shot }) {
       <button id="place" onClick=${() => startPlacing(shot)}>${text.correct.place}</button>
       <button id="next-check" onClick=${() => goToCheck(shot, check + 1)}>${text.correct.nextCheck}</button>
       <label class="tick-box"><input type="checkbox" id="all-corners" />${text.correct.allCorners}</label>
-      <button id="finish" class="main" disabled=${Boolean(runs)} onClick=${() => shot.finish()}>${text.correct.finish}</button>
+      <button id="finish" class="main" disabled=${Boolean(runs)} onClick=${() => shot.finish()}>${text.correct.finish}
+        </button>
     </div>
     <div class="work"><label for="progress" id="progress-text" aria-live="polite">${words}</label>
       <progress id="progress" max="1" value=${runs && !state.share ? undefined : runs ? state.share : 1}></progress></div>
@@ -65,7 +67,8 @@ function Changes({ shot }) {
   return html`<section><h2>${text.correct.changes}</h2><ul id="changes" class="changes">
     ${contradictions.map(({ text: sentence, contact }) => {
       const mark = shot.isUpToDate && doc.corrections.contacts?.[contact];
-      return html`<li key=${sentence} class="against"><span>${sentence} </span>${mark && html`<button aria-label=${text.correct.removeLabel(sentence)}
+      return html`<li key=${sentence} class="against">
+        <span>${sentence} </span>${mark && html`<button aria-label=${text.correct.removeLabel(sentence)}
         onClick=${() => shot.change((c) => dropContact(c, mark))}>${text.correct.remove}</button>`}</li>`;
     })}
     ${changes.map((one) => html`<li key=${one.text} class=${one.kind}>${one.text}</li>`)}
@@ -77,25 +80,31 @@ function Checks({ shot }) {
   const { doc } = useStore(shot.state);
   const { check } = useStore(shot.desk);
   const { checks } = doc.run;
-  return html`<section><h2>${text.correct.checks}</h2>${checks.length ? html`<ol id="checks" class="list">${checks.map((one, k) => html`<li key=${k}>
-    <button class="item" aria-pressed=${check === k} onClick=${() => goToCheck(shot, k)}><span class="when">${text.seconds(one.t)}</span><span>${one.reason}</span></button></li>`)}</ol>`
+  return html`<section><h2>${text.correct.checks}
+    </h2>${checks.length ? html`<ol id="checks" class="list">${checks.map((one, k) => html`<li key=${k}>
+    <button class="item" aria-pressed=${check === k} onClick=${() => goToCheck(shot, k)}><span
+      class="when">${text.seconds(one.t)}</span><span>${one.reason}</span></button></li>`)}</ol>`
     : html`<p class="small">${text.correct.noChecks}</p>`}</section>`;
 }
 
 function Events({ shot }) {
   const { doc } = useStore(shot.state);
   const { event } = useStore(shot.desk);
-  const mark = (one) => (findMark(doc.run, doc.corrections, one) ? html`<span class="hand">${text.correct.byHandMark}</span>` : null);
-  return html`<section><h2>${text.story.events}</h2><${EventList} shot=${shot} events=${doc.run.events} chosen=${event} id="events" mark=${mark} /></section>`;
+  const mark = (one) => (findMark(doc.run, doc.corrections, one) ? html`<span class="hand">${text.correct.byHandMark}
+    </span>` : null);
+  return html`<section><h2>${text.story.events}</h2><${EventList} shot=${shot} events=${doc.run.events} chosen=${event}
+    id="events" mark=${mark} /></section>`;
 }
 
 function Balls({ shot }) {
   const { doc } = useStore(shot.state);
   const { ball, keys } = useStore(shot.desk);
   const keyOf = (id) => keys.find((one) => one[2] === id)?.[0] ?? "";
-  return html`<section><h2>${text.correct.balls}</h2><ul id="balls" class="list">${doc.run.balls.map((one) => html`<li key=${one.id}>
+  return html`<section><h2>${text.correct.balls}</h2><ul id="balls"
+    class="list">${doc.run.balls.map((one) => html`<li key=${one.id}>
     <button class="item" aria-pressed=${ball === one.id} onClick=${() => pickBall(shot, one.id)}>
-      <span class="swatch" style=${{ background: one.colour }}></span><span>${one.name}</span><span class="when">${one.id} · ${keyOf(one.id)}</span></button></li>`)}</ul>
+      <span class="swatch" style=${{ background: one.colour }}></span><span>${one.name}</span><span
+        class="when">${one.id} · ${keyOf(one.id)}</span></button></li>`)}</ul>
     ${!doc.run.balls.length && html`<p class="small">${text.correct.noBalls}</p>`}</section>`;
 }
 
@@ -109,11 +118,14 @@ function ByHand({ shot }) {
     return html`<li key=${`${key} ${k}`}><span>${name}</span><span class="row">
       ${key === "tracks" && set.tracks[k].kind === "swap" && html`<button aria-label=${text.correct.untilLabel(shot.frame)}
         onClick=${() => shot.change((c) => { c.tracks[k].last = shot.frame; })}>${text.correct.until}</button>`}
-      <button aria-label=${text.correct.removeLabel(name)} onClick=${() => shot.change((c) => { if (k === null) delete c[key]; else c[key].splice(k, 1); })}>${text.correct.remove}</button>
+      <button aria-label=${text.correct.removeLabel(name)}
+        onClick=${() => shot.change((c) => { if (k === null) delete c[key]; else c[key].splice(k, 1); })}>${text.correct.remove}</button>
     </span></li>`;
   })}</ul>${!keys.length && html`<p class="small">${text.correct.noneByHand}</p>`}</section>`;
 }
 
 function Keys() {
-  return html`<section class="keys"><h2>${text.correct.keys}</h2><dl>${text.correct.keyList.map(([key, words]) => html`<div key=${key}><dt><kbd>${key}</kbd></dt><dd>${words}</dd></div>`)}</dl></section>`;
+  return html`<section class="keys"><h2>${text.correct.keys}</h2>
+    <dl>${text.correct.keyList.map(([key, words]) => html`<div key=${key}><dt><kbd>${key}</kbd></dt><dd>${words}</dd>
+    </div>`)}</dl></section>`;
 }

@@ -24,7 +24,8 @@ export function PlacementTab({ shot }) {
       <button onClick=${() => load(`?frame=${shot.frame}`)}>${text.placement.atFrame}</button></div>
     ${error && html`<p role="alert">${error}</p>`}
     ${rings && html`<div>${(rings.sentences ?? []).map((one) => html`<p key=${one}>${one}</p>`)}
-      <ul class="list">${rings.balls.map((one) => html`<li key=${one.id} class="ball-place"><span class="swatch" style=${{ background: one.colour }}></span>
+      <ul class="list">${rings.balls.map((one) => html`<li key=${one.id} class="ball-place"><span class="swatch"
+        style=${{ background: one.colour }}></span>
         <strong>${one.name}</strong><span>${one.text}</span></li>`)}</ul></div>`}
   </div>`;
 }

@@ -46,7 +46,8 @@ export function PlayTab({ shot }) {
     <section><h2>${text.play.title}</h2>
       ${Object.entries(SLIDERS).map(([name, [most, step]]) => html`<div class="field" key=${name}>
         <label for=${name}>${text.play.sliders[name]}</label>
-        <input id=${name} type="range" min=${-most} max=${most} step=${step} value=${change[name]} aria-valuetext=${text.play.values[name](change[name])}
+        <input id=${name} type="range" min=${-most} max=${most} step=${step} value=${change[name]}
+          aria-valuetext=${text.play.values[name](change[name])}
           onInput=${(event) => set(name, Number(event.target.value))} />
         <output for=${name}>${text.play.values[name](change[name])}</output></div>`)}
       <div class="row"><button onClick=${reset}>${text.play.reset}</button>
@@ -71,5 +72,6 @@ function Plays({ played }) {
       <div><dt>${text.play.otherwise}</dt><dd>${chance(played.chance.otherwise)}</dd></div></dl>
     ${likely.length > 0 && html`<ol class="plays">${likely.map((one) => html`<li key=${one.text}>${one.text}
       <span class="share">${text.percent(one.probability)}</span></li>`)}</ol>`}
-    ${others.length > 0 && html`<details><summary>${text.play.more}</summary>${others.map((one) => html`<p key=${one}>${one}</p>`)}</details>`}`;
+    ${others.length > 0 && html`<details><summary>${text.play.more}
+      </summary>${others.map((one) => html`<p key=${one}>${one}</p>`)}</details>`}`;
 }

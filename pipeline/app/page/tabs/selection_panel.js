@@ -16,15 +16,18 @@ export function Selection({ shot }) {
   if (!ball && !event) return null;
   return html`<section id="selection" class="selection" aria-live="polite">
     ${ball && question ? html`<${Question} shot=${shot} ball=${ball} question=${question} />`
-      : ball ? html`<${BallPanel} shot=${shot} ball=${ball} classes=${doc.run.classes} />` : html`<${EventPanel} shot=${shot} event=${event} />`}
+      : ball ? html`<${BallPanel} shot=${shot} ball=${ball} classes=${doc.run.classes} />` : html`<${EventPanel}
+        shot=${shot} event=${event} />`}
   </section>`;
 }
 
 function Question({ shot, ball, question }) {
   const { balls, rails } = shot.run;
   return html`<h2>${question.words}</h2><div class="row">
-    ${question.balls && balls.filter((one) => one.id !== ball.id).map((one) => html`<button key=${one.id} onClick=${() => pickBall(shot, one.id)}>${one.name}</button>`)}
-    ${question.cushions && CUSHIONS.map((side) => html`<button key=${side} onClick=${() => pickCushion(shot, side)}>${rails[side]}</button>`)}
+    ${question.balls && balls.filter((one) => one.id !== ball.id).map((one) => html`<button key=${one.id}
+      onClick=${() => pickBall(shot, one.id)}>${one.name}</button>`)}
+    ${question.cushions && CUSHIONS.map((side) => html`<button key=${side}
+      onClick=${() => pickCushion(shot, side)}>${rails[side]}</button>`)}
   </div><button onClick=${() => cancelCorrection(shot)}>${text.correct.cancel}</button>`;
 }
 
@@ -39,12 +42,18 @@ function BallPanel({ shot, ball, classes }) {
     shot.change((c) => setBall(run, c, "rename", ball.id, shot.frame, wanted)).then((isDone) => { if (isDone) shot.desk.set({ ball: wanted }); });
   };
   return html`<h2>${ball.name}</h2>
-    <div class="row">${Object.entries(BALL_ACTIONS).map(([action, one]) => html`<button key=${action} data-action=${action} class=${one.isDanger ? "danger" : ""}
-      onClick=${() => one.run(shot, ball.id)}>${text.correct.actions[action]} <kbd>${text.correct.keyName(one.key)}</kbd></button>`)}</div>
-    <div class="row" role="group" aria-label=${text.correct.classLabel}>${classes.map((kind) => html`<button key=${kind} data-class=${kind} aria-pressed=${kind === ball.kind}
-      onClick=${() => shot.change((c) => setBall(run, c, "class", ball.id, shot.frame, kind))}>${text.classes[kind] ?? kind}</button>`)}</div>
+    <div class="row">${Object.entries(BALL_ACTIONS).map(([action, one]) => html`<button key=${action} data-action=${action}
+      class=${one.isDanger ? "danger" : ""}
+      onClick=${() => one.run(shot, ball.id)}>${text.correct.actions[action]} <kbd>${text.correct.keyName(one.key)}</kbd>
+        </button>`)}</div>
+    <div class="row" role="group"
+      aria-label=${text.correct.classLabel}>${classes.map((kind) => html`<button key=${kind} data-class=${kind}
+      aria-pressed=${kind === ball.kind}
+      onClick=${() => shot.change((c) => setBall(run, c, "class", ball.id, shot.frame, kind))}>${text.classes[kind] ?? kind}
+        </button>`)}</div>
     <form class="row" onSubmit=${rename}><label for="ball-name">${text.correct.id}</label>
-      <input id="ball-name" value=${name} maxlength="32" autocomplete="off" spellcheck=${false} onInput=${(event) => setName(event.target.value)} />
+      <input id="ball-name" value=${name} maxlength="32" autocomplete="off" spellcheck=${false}
+        onInput=${(event) => setName(event.target.value)} />
       <button>${text.correct.rename}</button></form>`;
 }
 
@@ -56,10 +65,14 @@ function EventPanel({ shot, event }) {
   const move = (to) => shot.change((c) => moveEvent(shot.run, c, event, to));
   return html`<h2>${event.text}</h2><p class="small">${text.correct.eventFacts(event)}</p>
     ${!MARKED.includes(event.kind) ? html`<p class="small">${text.correct.follows}</p>` : html`
-      <div class="row"><button class="danger" data-action="delete" onClick=${() => { shot.desk.set({ event: null }); shot.change((c) => deleteEvent(shot.run, c, event)); }}>
+      <div class="row"><button class="danger" data-action="delete"
+        onClick=${() => { shot.desk.set({ event: null }); shot.change((c) => deleteEvent(shot.run, c, event)); }}>
           ${text.correct.didNotHappen} <kbd>${text.correct.keyName("Delete")}</kbd></button>
-        <button data-action="move" onClick=${() => move(frame)}>${text.correct.happenedAt(frame)} <kbd>${text.correct.keyName("v")}</kbd></button></div>
+        <button data-action="move"
+          onClick=${() => move(frame)}>${text.correct.happenedAt(frame)} <kbd>${text.correct.keyName("v")}</kbd></button>
+          </div>
       <form class="row" onSubmit=${(submitted) => { submitted.preventDefault(); document.activeElement.blur(); if (exact !== "") move(Number(exact)); }}>
-        <label for="exact">${text.correct.atFrame}</label><input id="exact" type="number" step="0.05" min="0" value=${exact} onInput=${(input) => setExact(input.target.value)} />
+        <label for="exact">${text.correct.atFrame}</label><input id="exact" type="number" step="0.05" min="0" value=${exact}
+          onInput=${(input) => setExact(input.target.value)} />
         <button>${text.correct.set}</button></form>`}`;
 }

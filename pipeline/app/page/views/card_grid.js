@@ -8,10 +8,12 @@ import { text } from "../strings.js";
 const CARD_WIDTH = 250;
 const CARD_HEIGHT = 292;
 const GAP = 18;
+const NONE = new Set();
 // Rows above and below the visible ones that are drawn too.
 const SPARE_ROWS = 2;
 
-export function CardGrid({ cards, chosen, onChoose }) {
+/** Show cards; without `onChoose` they cannot be selected. */
+export function CardGrid({ cards, chosen = NONE, onChoose }) {
   const grid = useRef(null);
   const [view, setView] = useState({ columns: 1, first: 0, stop: 0 });
   const measure = () => {
@@ -37,16 +39,17 @@ export function CardGrid({ cards, chosen, onChoose }) {
   const height = Math.max(0, rows * (CARD_HEIGHT + GAP) - GAP);
   return html`<div class="card-grid" ref=${grid} style=${{ height: `${height}px` }}>
     <ul style=${{ top: `${first * (CARD_HEIGHT + GAP)}px`, gridTemplateColumns: `repeat(${view.columns}, minmax(0, 1fr))` }}>
-      ${shown.map((card, k) => html`<${Card} key=${card.id} card=${card} isChosen=${chosen.has(card.id)} onChoose=${onChoose}
+      ${shown.map((card, k) => html`<${Card} key=${card.id} card=${card} isChosen=${chosen.has(card.id)}
+        onChoose=${onChoose}
         place=${first * view.columns + k + 1} count=${cards.length} />`)}
     </ul></div>`;
 }
 
-// Kinds of cards that are a page of a command, not a shot.
-const PAGES = new Set(["session", "diagnosis"]);
+// Kinds of cards that are a shot; the others are a page that a command wrote.
+const SHOTS = new Set(["shot", "rally"]);
 
 /** Address of what a card stands for; a result that has no card yet is a shot. */
-export const routeToCard = ({ id, kind }) => routeTo(PAGES.has(kind) ? "session" : "shot", id);
+export const routeToCard = ({ id, kind }) => routeTo(!kind || SHOTS.has(kind) ? "shot" : "session", id);
 
 function Card({ card, isChosen, onChoose, place, count }) {
   const { id, name, kind, trust, state, outcome, error } = card;
@@ -56,11 +59,14 @@ function Card({ card, isChosen, onChoose, place, count }) {
       ${card.thumbnail ? html`<img src=${shotAddress(id, "thumbnail")} alt="" loading="lazy" decoding="async" />`
         : html`<span class="no-thumb">${text.kinds[kind] ?? kind}</span>`}
       ${card.seconds > 0 && html`<span class="length">${text.seconds(card.seconds)}</span>`}
+      ${text.library.states[state] && html`<span class="length state">${text.library.states[state]}</span>`}
     </a>
-    ${!PAGES.has(kind) && html`<label class="pick"><input type="checkbox" checked=${isChosen} aria-label=${text.library.pick(name)}
+    ${onChoose && SHOTS.has(kind) && html`<label class="pick"><input type="checkbox" checked=${isChosen}
+      aria-label=${text.library.pick(name)}
       onChange=${(event) => onChoose(id, event.target.checked)} /></label>`}
     <h2><a href=${address}>${name}</a></h2>
-    <p class="outcome ${state === "failed" ? "failed" : ""}" title=${error || outcome}>${error || outcome || text.library.noOutcome}</p>
+    <p class="outcome ${state === "failed" ? "failed" : ""}"
+      title=${error || outcome}>${error || outcome || text.library.noOutcome}</p>
     <p class="facts">${trust && html`<${TrustMark} level=${trust} />`}<span>${listFacts(card)}</span></p>
   </li>`;
 }

@@ -11,7 +11,8 @@ export function DropZone({ isLarge }) {
   useEffect(() => acceptDrops(setIsOver), []);
   return html`<section class="drop ${isLarge ? "large" : ""} ${isOver ? "over" : ""}" aria-label=${text.drop.title}>
     <div class="drop-here">
-      <svg viewBox="0 0 48 48" width="48" height="48" aria-hidden="true"><path d="M24 6v24m-9-9 9 9 9-9M8 34v6h32v-6" fill="none"
+      <svg viewBox="0 0 48 48" width="48" height="48" aria-hidden="true"><path d="M24 6v24m-9-9 9 9 9-9M8 34v6h32v-6"
+        fill="none"
         stroke="currentColor" stroke-width="3" stroke-linecap="round" stroke-linejoin="round" /></svg>
       <p class="drop-title">${isOver ? text.drop.release : text.drop.here}</p>
       <button class="main" onClick=${() => chooser.current.click()}>${text.drop.choose}</button>

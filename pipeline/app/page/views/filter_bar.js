@@ -12,7 +12,8 @@ export function FilterBar({ shots, filter, onChange, count }) {
   const tables = listValues(shots, "table");
   return html`<search class="filters">
     <label class="search"><span class="hidden">${text.library.search}</span>
-      <input type="search" id="search" placeholder=${text.library.search} value=${filter.search} onInput=${set("search")} /></label>
+      <input type="search" id="search" placeholder=${text.library.search} value=${filter.search} onInput=${set("search")} />
+        </label>
     <${Choice} label=${text.library.trust} value=${filter.trust} onChange=${set("trust")}
       options=${[["", text.library.anyTrust], ...TRUSTS.map((one) => [one, text.trust[one]])]} />
     ${kinds.length > 1 && html`<${Choice} label=${text.library.kind} value=${filter.kind} onChange=${set("kind")}

@@ -50,7 +50,8 @@ function SelectionBar({ picked, onClear }) {
   return html`<section class="selection-bar" aria-label=${text.library.selection}>
     <strong aria-live="polite">${text.library.selected(picked.length)}</strong>
     ${SESSION_ACTIONS.map((action) => html`<button key=${action} title=${text.library.actionHelp[action]}
-      disabled=${action === "compare" && picked.length < 2} onClick=${() => start(action)}>${text.library.actions[action]}</button>`)}
+      disabled=${action === "compare" && picked.length < 2} onClick=${() => start(action)}>${text.library.actions[action]}
+        </button>`)}
     <button class="danger" onClick=${() => deleteShots(picked).then(onClear)}>${text.library.delete}</button>
     <button class="plain" onClick=${onClear}>${text.library.clearSelection}</button>
   </section>`;
@@ -59,5 +60,6 @@ function SelectionBar({ picked, onClear }) {
 function DiskLine({ disk }) {
   if (!disk) return null;
   return html`<p class="disk">${text.library.disk(disk.used_bytes, disk.free_bytes)}
-    ${disk.trash_bytes > 0 && html` <button class="plain" onClick=${emptyTrash}>${text.library.emptyTrash(disk.trash_bytes)}</button>`}</p>`;
+    ${disk.trash_bytes > 0 && html` <button class="plain" onClick=${emptyTrash}>${text.library.emptyTrash(disk.trash_bytes)}
+      </button>`}</p>`;
 }

@@ -17,7 +17,8 @@ export function PhoneView() {
   return html`<div class="phone"><h1>${text.phone.heading}</h1>
     ${error && html`<p role="alert">${error}</p>`}
     ${pairing && html`<ol><li>${text.phone.sameNetwork}</li><li>${text.phone.scan}</li><li>${text.phone.then}</li></ol>
-      <div class=${`code ${left ? "" : "expired"}`}><img src=${`data:image/svg+xml,${encodeURIComponent(pairing.svg)}`} alt=${text.phone.qr} width="240" height="240" />
+      <div class=${`code ${left ? "" : "expired"}`}><img src=${`data:image/svg+xml,${encodeURIComponent(pairing.svg)}`}
+        alt=${text.phone.qr} width="240" height="240" />
         <p>${text.phone.orType}</p><p class="address">${pairing.address}</p><p class="number">${pairing.code}</p></div>
       <p role="status">${left ? text.phone.expires(left) : text.phone.expired}</p>`}
     <p><button class="main" onClick=${renew}>${text.phone.renew}</button></p>

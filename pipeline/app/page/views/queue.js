@@ -32,14 +32,16 @@ export function Queue({ jobs, waiting }) {
 function RunningJob({ job }) {
   return html`<article class="job running-job" aria-label=${text.queue.runs(job.name)}>
     <div class="preview">${job.preview
-      ? html`<img src=${`api/jobs/${job.id}/preview?r=${job.preview_revision ?? job.share}`} alt=${text.queue.preview(job.name)} />`
+      ? html`<img src=${`api/jobs/${job.id}/preview?r=${job.preview_revision ?? job.share}`}
+        alt=${text.queue.preview(job.name)} />`
       : html`<span class="no-thumb">${text.queue.noPreview}</span>`}</div>
     <div class="job-words">
       <div class="job-head"><h2>${job.name}</h2>
         <button onClick=${() => actOnJob(job.id, "cancel")}>${text.queue.cancel}</button></div>
       <${CheckSentences} check=${job.check} />
       <${StepLine} job=${job} />
-      <ul class="found" aria-live="polite">${(job.found ?? []).map((sentence) => html`<li key=${sentence}>${sentence}</li>`)}</ul>
+      <ul class="found" aria-live="polite">${(job.found ?? []).map((sentence) => html`<li key=${sentence}>${sentence}
+        </li>`)}</ul>
       ${job.shot && html`<p><${ResultLink} id=${job.shot} className="main" label=${text.queue.look} /></p>`}
     </div>
   </article>`;
@@ -70,10 +72,12 @@ function StepLine({ job }) {
 
 function SmallJob({ job }) {
   return html`<div class="job small-job ${job.state}">
-    <p class="job-name">${job.name}<span class="job-state">${job.error || job.found?.[0] || text.queue.states[job.state]}</span></p>
+    <p class="job-name">${job.name}<span class="job-state">${job.error || job.found?.[0] || text.queue.states[job.state]}
+      </span></p>
     ${job.state === "waiting" && html`<button onClick=${() => actOnJob(job.id, "cancel")}>${text.queue.cancel}</button>`}
     ${job.state === "failed" && html`<button onClick=${() => actOnJob(job.id, "retry")}>${text.queue.retry}</button>`}
-    ${job.state === "failed" && html`<button class="plain" onClick=${() => actOnJob(job.id, "dismiss")}>${text.queue.forget}</button>`}
+    ${job.state === "failed" && html`<button class="plain" onClick=${() => actOnJob(job.id, "dismiss")}>${text.queue.forget}
+      </button>`}
     ${job.shot && html`<${ResultLink} id=${job.shot} className="" label=${text.queue.open} />`}
   </div>`;
 }

@@ -80,7 +80,8 @@ function Tabs({ shot, tabs }) {
   };
   return html`<section class="tabs" aria-label=${text.shot.details}>
     <div role="tablist" aria-label=${text.shot.details} onKeyDown=${move}>
-      ${names.map((name) => html`<button key=${name} role="tab" id=${`tab-${name}`} aria-controls="tab-panel" aria-selected=${name === shown}
+      ${names.map((name) => html`<button key=${name} role="tab" id=${`tab-${name}`} aria-controls="tab-panel"
+        aria-selected=${name === shown}
         tabindex=${name === shown ? 0 : -1} onClick=${() => choose(name)}>${text.tabs[name]}</button>`)}
     </div>
     <div role="tabpanel" id="tab-panel" aria-labelledby=${`tab-${shown}`}><${Panel} shot=${shot} /></div>
