@@ -169,7 +169,7 @@ export const text = {
     chooseBall: "a ball",
     chooseOther: "what?",
     kinds: { ball: "Balls", rail: "Rails", pocket: "Pockets" },
-    first: "Who was hit first?",
+    rules: { first: "Who was hit first?", score: "Did it score?", foul: "Was it a foul?" },
     rally: { landing: "In or out?", net: "How high over the net?" },
   },
   story: {
