@@ -174,6 +174,7 @@ export const text = {
   },
   story: {
     summary: "In short",
+    more: "Where the balls ended, and how sure that is",
     noSummary: "There is no summary of this clip.",
     events: "What happened",
     noEvents: "Nothing moves in this clip.",
@@ -231,7 +232,7 @@ export const text = {
     scan: "Read this code with its camera.",
     then: "Choose clips of its camera roll; they are analysed here.",
     qr: "Code for the camera of the phone",
-    orType: "or open this address and type the code",
+    orType: "or open this address on the phone",
     expires: (seconds) => `The code can be used once, in the next ${seconds} s.`,
     expired: "The code has expired.",
     renew: "New code",

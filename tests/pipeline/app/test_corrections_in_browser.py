@@ -153,7 +153,7 @@ def test_a_mark_replaces_the_deletion_of_the_same_contact(browser: webdriver.Chr
         page.show(14)
         page.press("1", "c")
         rail = "//section[@id='selection']//button[starts-with(text(),'right ')]"
-        wait_on(browser).until(lambda b: b.find_element(By.XPATH, rail)).click()
+        wait_on(browser).until(lambda b, path=rail: b.find_element(By.XPATH, path)).click()
         kept, mark = page.wait_for_revision(2).contacts
     assert (kept, mark.kind, mark.frame, mark.cushion) == (other, "mark", 14, "right")
 

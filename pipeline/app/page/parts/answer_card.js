@@ -13,7 +13,8 @@ export function AnswerCard({ shot }) {
   }
   if (answer.error) return html`<section class="answer" aria-label=${text.answer.label}><p class="sentence"
     role="status">${answer.error}</p></section>`;
-  const { question, verdict, probability, sentence, t, t_sigma: sigma, margin_mm: margin, margin_sigma_mm: marginSigma, reasons, picture, rows } = answer;
+  const { question, verdict, probability, sentence, t, t_sigma: sigma, reasons, picture, rows } = answer;
+  const { margin_mm: margin, margin_sigma_mm: marginSigma } = answer;
   const isUnsure = !(probability >= 0.9);
   return html`<section class=${`answer ${isAsking ? "busy" : ""}`} aria-label=${text.answer.label} aria-live="polite">
     <p class="question">${question}</p>
@@ -23,8 +24,8 @@ export function AnswerCard({ shot }) {
     ${picture && picture !== missing && html`<a class="close-up" href=${picture} target="_blank" rel="noopener"><img src=${picture}
       alt=${text.answer.picture(question)}
       onError=${() => setMissing(picture)} /></a>`}
-    ${rows?.length > 1 && html`<table class="numbers"><tbody>${rows.slice(1).map((row) => html`<tr key=${row.join()}>
-      ${row.map((cell, k) => html`<td key=${k}>${cell}</td>`)}</tr>`)}</tbody></table>`}
+    ${rows?.length > 1 && html`<ul class="parts">${rows.slice(1).map(([part, decided, share, ...why]) => html`<li key=${part}>
+      <span>${part}</span><strong>${decided} ${share}</strong><small>${why.join(" ")}</small></li>`)}</ul>`}
     <dl class="measures">
       ${Number.isFinite(t) && html`<div><dt>${text.answer.time}</dt><dd><button class="link"
         onClick=${() => { shot.player.pause(); shot.player.seek(t); }}>${text.time(t, sigma)}</button></dd></div>`}

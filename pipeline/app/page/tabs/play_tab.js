@@ -74,7 +74,7 @@ function Plays({ played }) {
   return html`<p>${first}</p>
     <dl class="measures"><div><dt>${text.play.asStruck}</dt><dd>${chance(played.chance.as_struck)}</dd></div>
       <div><dt>${text.play.otherwise}</dt><dd>${chance(played.chance.otherwise)}</dd></div></dl>
-    ${likely.length > 0 && html`<ol class="plays">${likely.map((one) => html`<li key=${one.text}>${one.text}
+    ${likely.length > 0 && html`<ol class="plays">${likely.map((one) => html`<li key=${one.text}>${one.text}${" "}
       <span class="share">${text.percent(one.probability)}</span></li>`)}</ol>`}
     ${others.length > 0 && html`<details><summary>${text.play.more}
       </summary>${others.map((one) => html`<p key=${one}>${one}</p>`)}</details>`}`;
