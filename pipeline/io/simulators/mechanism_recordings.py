@@ -258,12 +258,24 @@ def _find_input_columns(
         name for name in table.columns if _NUMBERED_INPUT.fullmatch(name) and name not in taken
     ]
     if not any(chosen_columns) and len(columns) == len(simulator.inputs):
-        pairs = ", ".join(f"{column} is {name}" for column, name in zip(columns, simulator.inputs, strict=True))
-        return columns, [f"{place}: the input {pairs}"] if pairs else []
+        ordered = dict(zip(_order_inputs(simulator, columns), columns, strict=True))
+        pairs = ", ".join(f"{column} is {simulator.inputs[k]}" for k, column in ordered.items())
+        return [ordered[k] for k in range(len(columns))], [f"{place}: the input {pairs}"] if pairs else []
     silent = [name for name, column in zip(simulator.inputs, chosen_columns, strict=True) if column is None]
     if silent:
         notes.append(f"{place} has no column for {', '.join(silent)}, told 0 all the time")
     return chosen_columns, notes
+
+
+def _order_inputs(simulator: OutsideSimulator, columns: Sequence[str | None]) -> list[int]:
+    """Order inputs as their numbered columns are: as their joints, for which `command3` belongs to `q3`.
+
+    Columns called `ctrl`, as MuJoCo calls its inputs, and inputs that share a joint have the order of the simulator.
+    """
+    joints = [one.joint for one in simulator.drives]
+    has_own = len(joints) == len(set(joints)) == len(columns) and min(joints, default=-1) >= 0
+    is_ctrl = all(column is not None and column.startswith("ctrl") for column in columns)
+    return np.argsort(joints).tolist() if has_own and not is_ctrl else list(range(len(columns)))
 
 
 def _spell_input(simulator: OutsideSimulator, number: int) -> list[str]:

@@ -45,6 +45,20 @@ def test_columns_are_found_by_name_or_by_order(tmp_path: Path, simulator: str, h
     assert any("q" in note for note in shots.notes) == ("hinge" not in header.lower())
 
 
+@pytest.mark.parametrize(("name", "order"), [("command", [2.0, 1.0]), ("ctrl", [1.0, 2.0])])
+def test_numbered_commands_are_of_the_joints_of_the_same_number(tmp_path: Path, name: str, order: list[float]):
+    pytest.importorskip("mujoco", reason="mujoco is an extra")
+    body = PENDULUM.split("<worldbody>")[1].split("</worldbody>")[0]
+    motors = '<motor name="b" joint="other"/><motor name="a" joint="hinge"/>'
+    bodies = body + body.replace("hinge", "other", 1)
+    model = f"<mujoco><worldbody>{bodies}</worldbody><actuator>{motors}</actuator></mujoco>"
+    (tmp_path / "two.xml").write_text(model)
+    rows = [[*row[:2], 0.0, 1.0, 2.0] for row in swing_rows()]
+    shots = read_mechanism_shots(write(tmp_path, f"t,q0,q1,{name}0,{name}1", rows), str(tmp_path / "two.xml"))
+    assert shots.simulator.inputs == ("b", "a")
+    assert shots.histories[0].values[0].tolist() == order, "in the order of the simulator"
+
+
 def test_degrees_are_converted_where_the_header_states_them(tmp_path: Path, simulator: str):
     rows = [[row[0], 90.0, 0.0] for row in swing_rows()]
     shots = read_mechanism_shots(write(tmp_path, "t,hinge (deg),servo", rows), simulator)
