@@ -67,6 +67,8 @@ class TextTable:
     """Units stated in the header, by column."""
     notes: tuple[str, ...] = ()
     """Sentences without a full stop."""
+    texts: tuple[str, ...] = ()
+    """Names of the columns of text that were left out."""
 
     def require(self, names: Sequence[str]) -> None:
         """Raise an OptionError where a column is missing."""
@@ -158,8 +160,9 @@ def name_columns(path: Path, columns: dict[str, Any], units: dict[str, str], not
     units |= {name: units[other] for name, other in aliased.items() if other in units}
     if "x_px" in aliased.values():
         units |= {axis: "px" for axis, other in aliased.items() if other == f"{axis}_px"}
-    return TextTable(path, {name: _to_values(name, column, place) for name, column in columns.items()
-                            if _is_usable(name, column)}, units, tuple(notes))  # fmt: skip
+    texts = tuple(name for name, column in columns.items() if not _is_usable(name, column))
+    values = {name: _to_values(name, column, place) for name, column in columns.items() if name not in texts}
+    return TextTable(path, values, units, tuple(notes), texts)
 
 
 def read_text(path: Path) -> str:

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from pyarrow import ArrowException, parquet
 
+from diagnosis.fitting.diagnosis_windows import MIN_ROWS
 from models.core.errors import OptionError
 from models.core.recording import Recording, ReferenceFrame
 from models.core.typing import FloatArray
@@ -144,11 +145,12 @@ def _match_shots(tables: Sequence[TextTable], simulator: OutsideSimulator) -> Me
     familiar = frozenset(name.lower() for name in (*(joint.name for joint in simulator.joints), *simulator.inputs))
     for raw in tables:
         table = _separate_units(raw, familiar)
+        _require_numbers(table, familiar)
         joints, columns, assumed = _find_joint_columns(table, simulator)
         inputs, more = _find_input_columns(table, simulator, columns)
         unused = [name for name in table.columns if name not in {*columns, *inputs, *_OTHER_COLUMNS}]
         left = [f"{escape_text(table.path)}: not used: {', '.join(unused)}"] if unused else []
-        notes += [*table.notes, *assumed, *more, *left]
+        notes += [*table.notes, *assumed, *more, *left, *_doubt_radians(table, joints, columns)]
         for part in _split_shots(table, simulator, joints, columns, inputs):
             shot = len(recordings)
             recordings.append(_record(part, shot, joints))
@@ -156,12 +158,49 @@ def _match_shots(tables: Sequence[TextTable], simulator: OutsideSimulator) -> Me
             origins[shot] = f"{table.path.name}, shot {part.number}"
     if len({one.bodies for one in recordings}) > 1:
         raise OptionError("The recordings have columns for different joints; diagnose them separately")
+    _require_samples(recordings)
     hidden = [joint.name for joint in simulator.joints if joint.name not in recordings[0].bodies]
     if hidden:
         notes.append(f"not recorded: {', '.join(hidden)}; every window starts near the rest of the simulator")
     if len({joint.unit for joint in simulator.joints if joint.name in recordings[0].bodies}) > 1:
         notes.append("some joints are in rad and others in m; errors of both are counted alike")
     return MechanismShots(simulator, tuple(recordings), histories, tuple(dict.fromkeys(notes)), origins)
+
+
+def _require_numbers(table: TextTable, familiar: frozenset[str]) -> None:
+    """Raise an OptionError where a column of text was left out that a joint or an input is called like."""
+    for name in table.texts:
+        match = _WITH_UNIT.fullmatch(name)
+        plain = match[1] if match else name
+        if {name, plain} & familiar or _NUMBERED_JOINT.fullmatch(plain) or _NUMBERED_INPUT.fullmatch(plain):
+            raise OptionError(
+                f"{escape_text(table.path)}: the column {name} has values that are no numbers; write plain numbers, and"
+                " leave a cell empty where there is none"
+            )
+
+
+def _doubt_radians(table: TextTable, joints: Sequence[Joint], columns: Sequence[str]) -> list[str]:
+    """List joints without stops that turn round, where no unit is stated."""
+    doubts = []
+    for joint, column in zip(joints, columns, strict=True):
+        most = float(np.nanmax(np.abs(table.columns[column]), initial=0.0))
+        if column not in table.units and joint.unit == "rad" and np.isinf(joint.limit) and most > 2 * np.pi:
+            doubts.append(
+                f"{escape_text(table.path)}: {column} goes up to {most:.3g} rad, more than a turn; if it is in degrees,"
+                f" name the column {column} (deg)"
+            )
+    return doubts
+
+
+def _require_samples(recordings: Sequence[Recording]) -> None:
+    """Raise an OptionError where a joint has fewer values than any test needs."""
+    counts = sum(one.is_observed.sum(axis=0) for one in recordings)
+    for name, count in zip(recordings[0].bodies, counts, strict=True):
+        if count < 2 * MIN_ROWS:
+            raise OptionError(
+                f"{name} has {count} positions with a time, too few to test anything; give {2 * MIN_ROWS} at least,"
+                " better several hundred"
+            )
 
 
 def _pair_with_simulation(tables: Sequence[TextTable], simulated: TextTable) -> MechanismShots:

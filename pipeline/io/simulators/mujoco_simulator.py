@@ -71,6 +71,8 @@ def read_mujoco_file(path: Path) -> MujocoSimulator:
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise OptionError(f"MuJoCo cannot read {escape_text(path)}: {reason[:200]}; correct the file") from error
+    if not 0 < model.opt.timestep < np.inf:
+        raise OptionError(f"{escape_text(path)} states a time step of {model.opt.timestep:g} s; give one above 0")
     if model.na > 0:
         raise OptionError(
             f"{escape_text(path)} has actuators with a state of their own (na = {model.na}), which a diagnosis cannot"
