@@ -44,7 +44,7 @@ UNITS = {
 _WITH_UNIT = re.compile(r"(.+?)\s*(?:[\[(]\s*([^\[\]()]+?)\s*[\])]|[\s_/]\s*([^\s_/]+))")
 # Names that other programs give to columns of tracks, by ours.
 ALIASES = {
-    "shot": ("trial", "take", "throw", "toss"),
+    "shot": ("trial", "take", "throw", "toss", "run", "episode"),
     "frame": ("frame_idx", "frame_index", "frame_number", "frame_id", "frame_no", "frames"),
     "t": ("time", "timestamp", "timestamps", "seconds", "elapsed"),
     "id": ("track_id", "track", "body", "ball", "object", "object_id", "particle", "marker", "name", "label"),

@@ -1,8 +1,8 @@
 """Recordings of a mechanism: tables with a row per time, and a column per joint and per input of its simulator.
 
-Columns are found by their names: those of the simulator, in any case, or else numbered ones in its order (`q0, q1`, and
-`command0, command1` for inputs); an input may be called like the joint that it alone drives. Inputs hold from row to
-row; an empty cell means that the actuator has no power.
+Columns are found by their names: those of the simulator, in any case, with or without words such as `joint`, `pos` and
+`cmd`, or else numbered ones in its order (`q0, q1`, and `command0, command1` for inputs); an input may be called like
+the joint that it alone drives. Inputs hold from row to row; an empty cell means that the actuator has no power.
 """
 
 from __future__ import annotations
@@ -34,13 +34,15 @@ _USUAL_SIGMA = 1e-3
 # Names of numbered columns, where a file does not use those of the simulator.
 _NUMBERED_JOINT = re.compile(r"(q|qpos|pos|position|joint|angle|theta|measured)_?\d*")
 _NUMBERED_INPUT = re.compile(r"(u|ctrl|control|command|cmd|input|action|asked|torque|target)_?\d*")
-# Endings of the name of an actuator that is called like its joint.
-_INPUT_ENDINGS = ("command", "ctrl", "cmd", "input", "target", "torque")
+# Words of columns of positions, and of inputs, beside the name of their joint or actuator; words of actuators.
+_JOINT_WORDS = frozenset(("joint", "jnt", "pos", "position", "angle", "q", "actual", "measured"))
+_INPUT_WORDS = ("command", "ctrl", "cmd", "input", "target", "torque", "desired", "setpoint", "goal", "ref")
+_EVERY_WORD = _JOINT_WORDS | {*_INPUT_WORDS, "servo", "motor", "actuator", "act"}
 # Ending of the force or torque that a robot measures at a joint.
 _EFFORT = "_effort"
 _WITH_UNIT = re.compile(r"(.+?)_*(?:[\[(]([^\[\]()]+)[\])]|_(deg|rad|m|cm|mm))")
 # Columns that are neither joints nor inputs.
-_OTHER_COLUMNS = {"t", "time", "shot", "episode", "frame", "kind", "id", "sigma", "observed"}
+_OTHER_COLUMNS = {"t", "time", "shot", "frame", "kind", "id", "sigma", "observed"}
 # Recorded poses in which bodies are tested for contact: a second of a fast robot.
 _MOST_POSES = 500
 # Multiple of a joint's limit above which angles without a unit are taken for degrees: stops give a little, and degrees
@@ -270,11 +272,19 @@ def _find_joint_columns(
     named = [(joint, joint.name.lower()) for joint in simulator.joints if joint.name.lower() in table.columns]
     if named:
         return tuple(joint for joint, _ in named), [column for _, column in named], []
-    columns = [name for name in table.columns if _NUMBERED_JOINT.fullmatch(name)]
-    single = [joint for joint in simulator.joints if "." not in joint.name]
-    if columns and len(columns) == len(single):
-        pairs = ", ".join(f"{column} is {joint.name}" for column, joint in zip(columns, single, strict=True))
-        return tuple(single), columns, [f"{escape_text(table.path)}: by their order, {pairs}"]
+    found = {_shorten(name, _JOINT_WORDS): name for name in reversed(table.columns) if name not in _OTHER_COLUMNS}
+    keys = [(one, _shorten(one.name, _JOINT_WORDS)) for one in simulator.joints]
+    close = [(one, found[key]) for one, key in keys if key and key in found]
+    how = "by their names"
+    if not close or len({column for _, column in close}) < len(close):
+        columns = [name for name in table.columns if _NUMBERED_JOINT.fullmatch(name)]
+        single = [joint for joint in simulator.joints if "." not in joint.name]
+        close = list(zip(single, columns, strict=True)) if len(columns) == len(single) else []
+        how = "by their order"
+    if close:
+        pairs = ", ".join(f"{column} is {joint.name}" for joint, column in close)
+        note = f"{escape_text(table.path)}: {how}, {pairs}"
+        return tuple(joint for joint, _ in close), [column for _, column in close], [note]
     wanted = ", ".join(joint.name for joint in simulator.joints)
     raise OptionError(
         f"{escape_text(table.path)} has the columns {', '.join(table.columns)}; the joints of the simulator are"
@@ -282,20 +292,23 @@ def _find_joint_columns(
     )
 
 
+def _shorten(name: str, words: frozenset[str]) -> str:
+    """Return a name in lower case without certain words: `elbow_joint` and `elbow_pos` are elbow."""
+    return "_".join(word for word in re.split(r"[_./ -]+", name.lower()) if word not in words)
+
+
 def _find_input_columns(
     table: TextTable, simulator: OutsideSimulator, taken: Sequence[str]
 ) -> tuple[list[str | None], list[str]]:
     """Find the columns of all inputs, None where one is not recorded, and what was assumed."""
-    place, chosen_columns, notes = escape_text(table.path), list[str | None](), list[str]()
-    for number, name in enumerate(simulator.inputs):
-        spellings = _spell_input(simulator, number)
-        column = next((one for one in spellings if one in table.columns and one not in taken), None)
-        chosen_columns.append(column)
-        if column is not None and spellings.index(column) > len(_INPUT_ENDINGS):
+    place, notes = escape_text(table.path), list[str]()
+    free = [name for name in table.columns if name not in taken]
+    chosen_columns = [_find_input_column(free, simulator, number) for number in range(len(simulator.inputs))]
+    for name, column in zip(simulator.inputs, chosen_columns, strict=True):
+        plain = name.lower()
+        if column not in (None, plain) and str(column).removeprefix(f"{plain}_") not in _INPUT_WORDS:
             notes.append(f"{place}: the input {name} is {column}")
-    columns: list[str | None] = [
-        name for name in table.columns if _NUMBERED_INPUT.fullmatch(name) and name not in taken
-    ]
+    columns: list[str | None] = [name for name in free if _NUMBERED_INPUT.fullmatch(name)]
     if not any(chosen_columns) and len(columns) == len(simulator.inputs):
         ordered = dict(zip(_order_inputs(simulator, columns), columns, strict=True))
         pairs = ", ".join(f"{column} is {simulator.inputs[k]}" for k, column in ordered.items())
@@ -317,15 +330,24 @@ def _order_inputs(simulator: OutsideSimulator, columns: Sequence[str | None]) ->
     return np.argsort(joints).tolist() if has_own and not is_ctrl else list(range(len(columns)))
 
 
-def _spell_input(simulator: OutsideSimulator, number: int) -> list[str]:
-    """Spell the column of an input: by its name, by the joint that it alone drives, and the effort measured there."""
+def _find_input_column(columns: Sequence[str], simulator: OutsideSimulator, number: int) -> str | None:
+    """Find the column of an input: its name, or that or its only joint with a word for inputs.
+
+    A motor whose input has no such column takes the effort that a robot measures there.
+    """
     name, drives = simulator.inputs[number].lower(), [one.joint for one in simulator.drives]
     own = drives[number] if drives else -1
-    names = [name]
-    if own >= 0 and drives.count(own) == 1:
-        names.append(simulator.joints[own].name.lower())
-    spellings = [name, *(f"{one}_{ending}" for one in names for ending in _INPUT_ENDINGS)]
-    return spellings if simulator.servo_joints[number] >= 0 else [*spellings, f"{name}{_EFFORT}"]
+    joint = simulator.joints[own].name if own >= 0 and drives.count(own) == 1 else name
+    if name in columns:
+        return name
+    for owner in (name, joint):
+        for word in _INPUT_WORDS:
+            for column in columns:
+                parts = re.split(r"[_./ -]+", column)
+                if word in parts and _shorten(column, _EVERY_WORD) == _shorten(owner, _EVERY_WORD) != "":
+                    return column
+    effort = f"{name}{_EFFORT}"
+    return effort if simulator.servo_joints[number] < 0 and effort in columns else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -354,7 +376,7 @@ def _split_shots(
     table.require(["t"])
     t = table.columns["t"] * TIME_UNITS.get(table.units.get("t", "s"), 1.0)
     count = len(t)
-    shots = table.columns.get("shot", table.columns.get("episode", np.zeros(count)))
+    shots = table.columns.get("shot", np.zeros(count))
     positions = np.stack(
         [_convert(table, joint, column) for joint, column in zip(joints, columns, strict=True)], axis=1
     )

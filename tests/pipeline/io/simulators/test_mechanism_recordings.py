@@ -59,6 +59,25 @@ def test_numbered_commands_are_of_the_joints_of_the_same_number(tmp_path: Path, 
     assert shots.histories[0].values[0].tolist() == order, "in the order of the simulator"
 
 
+@pytest.mark.parametrize(
+    ("position", "command"),
+    [("shoulder_pos", "shoulder_cmd"), ("shoulder", "shoulder_target_position"), ("q_shoulder_actual", "ref_shoulder")],
+)
+def test_columns_with_other_words_beside_the_name_of_a_joint_are_found_and_named_in_notes(
+    tmp_path: Path, simulator: str, position: str, command: str
+):
+    (tmp_path / "arm.xml").write_text(PENDULUM.replace("hinge", "shoulder_joint").replace('type="shoulder_joint"', ""))
+    rows = [[1, *row[:2], 9.0, 0.05] for row in swing_rows()]
+    shots = read_mechanism_shots(write(tmp_path, f"run,t,{position},shoulder_vel,{command}", rows), simulator)
+    assert shots.recordings[0].bodies == ("shoulder_joint",)
+    np.testing.assert_allclose(shots.recordings[0].positions[:, 0, 0], [row[1] for row in swing_rows()])
+    np.testing.assert_allclose(shots.histories[0].values, 0.05)
+    notes = " ".join(shots.notes)
+    assert f"{position} is shoulder_joint" in notes
+    assert f"the input servo is {command}" in notes
+    assert "not used: shoulder_vel" in notes
+
+
 def test_degrees_are_converted_where_the_header_states_them(tmp_path: Path, simulator: str):
     rows = [[row[0], 90.0, 0.0] for row in swing_rows()]
     shots = read_mechanism_shots(write(tmp_path, "t,hinge (deg),servo", rows), simulator)
