@@ -34,8 +34,8 @@ SHAPE_KINDS = ("sphere", "capsule", "ellipsoid", "cylinder", "box")
 class Shape:
     """A shape of a body, as a viewer draws it."""
 
-    name: str
-    """Body and number."""
+    body: str
+    """Name of its body."""
     kind: str
     """One of `SHAPE_KINDS`, or mesh."""
     size: FloatArray
@@ -137,7 +137,7 @@ class MujocoSimulator:
                 centre, half = np.split(model.geom_aabb[k], 2)
                 size, middle = (half, centre) if name == "mesh" else (model.geom_size[k], np.zeros(3))
                 fixed = int(model.body_weldid[body]) == 0
-                found.append(Shape(f"{self._name('body', body)}/{k}", name, size, middle, k, fixed))
+                found.append(Shape(self._name("body", body), name, size, middle, k, fixed))
         simple = {model.geom_bodyid[one.geom] for one in found if one.kind != "mesh"}
         return tuple(one for one in found if one.kind != "mesh" or model.geom_bodyid[one.geom] not in simple)
 

@@ -65,12 +65,17 @@ def write_gap_page(
     gap = replace(report.gap, after=report.gap.before) if report.verdict == "none" else report.gap
     causes, where = gap_sentences.list_causes(report), _list_places(report, origins)
     candidates, others = causes[:MAX_CANDIDATES], ", ".join(one.name for one in causes[MAX_CANDIDATES:])
+    # what was assumed to read a log comes last, what is wrong in the file of a simulator first
+    reading = 0 if shots is None else len(shots.notes)
+    first, last = report.notes[: len(report.notes) - reading], report.notes[len(report.notes) - reading :]
     html = render_template(
         "gap.html",
         name=title,
         report=report,
         sentence=gap_sentences.format_verdict(report),
         closed=gap_sentences.format_gap_closure(report),
+        first_notes=[f"{one[:1].upper()}{one[1:]}." for one in first] if reading else [],
+        last_notes=last if reading else report.notes,
         shot_use=gap_sentences.format_shot_use(report),
         is_angle=report.gap.unit == "rad",
         candidates=candidates,

@@ -72,7 +72,7 @@ def write_gap_recording(
         ends = t[1:][np.diff(t) >= PAUSE_S] - PAUSE_S / 2  # NaN there interrupts the lines
         for name, columns in places.items():
             for joint, column in zip(joints, columns.T, strict=True):
-                entity = f"plots/{joint}/{name}"
+                entity = rr.new_entity_path(["plots", joint, name])
                 look = {"colors": COLOURS[name], "names": name}
                 shown = rr.SeriesPoints(marker_sizes=2, **look) if name == "recorded" else rr.SeriesLines(**look)
                 stream.log(entity, shown, static=True)
@@ -123,7 +123,7 @@ class _Poses:
                 continue
             places, turns = (one[:, k] for one in self.places[name])
             there = np.isfinite(places).all(axis=1)
-            entity = f"world/{'fixed' if shape.is_fixed else name}/{shape.name}"
+            entity = rr.new_entity_path(["world", "fixed" if shape.is_fixed else name, shape.body, str(shape.geom)])
             stream.log(entity, _build_shape(shape, name), static=True)
             if shape.is_fixed:
                 stream.log(entity, rr.Transform3D(translation=places[0], mat3x3=turns[0]), static=True)
@@ -180,7 +180,7 @@ def _build_gap_blueprint(joints: tuple[str, ...], units: Mapping[str, str], pose
         active_tab=0,
     )
     plots = rrb.Grid(
-        *(rrb.TimeSeriesView(origin=f"plots/{one}", name=f"{one} ({units.get(one, 'rad')})") for one in joints)
+        *(rrb.TimeSeriesView(origin=rr.new_entity_path(["plots", one]), name=f"{one} ({units[one]})") for one in joints)
     )
     layout: rrb.Container = rrb.Horizontal(plots, texts, column_shares=[3, 1])
     moving = [k for k, shape in enumerate(poses.shapes) if not shape.is_fixed]
