@@ -185,7 +185,7 @@ def run_case(world: str, truth: str, seed: int, folder: Path) -> OutsideRow:
     real.write_text("\n".join(play(WORLDS[world], EFFECTS[truth](rng), rng)) + "\n")
     start = time.monotonic()
     with open_executor() as executor:
-        report, _ = diagnose_mechanism([real], str(simulator), seed, executor=executor)
+        report = diagnose_mechanism([real], str(simulator), seed, executor=executor)[0]
     names = report.effects or (report.candidates[0].group if report.verdict == "group" else ())
     return OutsideRow(
         name, truth, report.verdict, "+".join(sorted(names)), report.probability, report.gap.closure.closed,

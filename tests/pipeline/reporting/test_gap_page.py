@@ -29,6 +29,8 @@ from diagnosis.verdicts.verdict import (
 from models.core.recording import Recording
 from models.core.scene import Table
 from models.physics.billiards.tables import TABLE_PRESETS
+from pipeline.io.simulators.function_simulator import FunctionSimulator
+from pipeline.io.simulators.mechanism_recordings import MechanismShots
 from pipeline.reporting.pages.gap_page import build_gap_figures, build_law_figure, write_gap_page
 from pipeline.reporting.text.gap_sentences import (
     format_agreement,
@@ -483,6 +485,22 @@ def test_maps_before_and_after_have_the_same_colours_and_large_errors_on_top() -
     assert list(before.color) == sorted(before.color)
     assert max(after.color) < 0.2 * max(before.color)
     assert maps[0].layout.xaxis.title.text == "x (m)"
+
+
+def test_the_first_panel_states_what_is_wrong_in_the_file_and_the_last_notes_how_a_log_was_read(tmp_path: Path) -> None:
+    shots = MechanismShots(FunctionSimulator("math", "cos", (), (), 0.01), (), {}, ("q is elbow",), {})
+    diagnosis = replace(
+        report("none"),
+        scene="mechanism",
+        forms=(),
+        notes=("your damping is 0.6, the recordings say 0.31", "q is elbow"),
+    )
+    write_gap_page(diagnosis, "arm", tmp_path / "gap.html", shots=shots)
+    html = (tmp_path / "gap.html").read_text(encoding="utf-8")
+    panel = html[html.index('class="panel large"') : html.index("What was not decided")]
+    assert "Your damping is 0.6, the recordings say 0.31." in panel
+    assert "q is elbow" not in panel
+    assert "Notes: q is elbow." in html
 
 
 def test_the_page_of_a_robots_log_speaks_of_runs_and_rows(tmp_path: Path) -> None:
