@@ -123,10 +123,12 @@ def fit_longer_windows(problem: DiagnosisProblem, recordings: tuple[Recording, .
         like: Fit of the hypothesis on shorter windows; the initial guess.
 
     Returns:
-        The fit on the longer windows.
+        The fit on the longer windows; `like` where there are none.
     """
     if isinstance(problem.scene, ContactRichScene):
         return extend_windows(problem, like)
+    if len(like.segments) <= len(split_into_segments(problem, recordings)):
+        return like
     return fit_adaptively(problem, recordings, like.names, like.forms, like.shared)
 
 

@@ -326,8 +326,10 @@ def propose_hypotheses(search: EffectSearch, now: Hypothesis) -> list[frozenset[
     """Propose larger hypotheses by predicted gain, with other contact models and, from no effects, also a pair."""
     problem, signatures = search.problem, compute_hypothesis_signatures(search, now)
     gains = _predict_gains(search, now)
-    first = [name for name in _rank_effects(gains) if gains[name] > _MIN_PREDICTED_GAIN or not now.names]
-    if now.fitted.lack_of_fit > POOR_LACK_OF_FIT:
+    # near a fit that leaves only noise, predictions hold
+    is_poor = now.fitted.lack_of_fit > POOR_LACK_OF_FIT
+    first = [name for name in _rank_effects(gains) if gains[name] > _MIN_PREDICTED_GAIN or (is_poor and not now.names)]
+    if is_poor:
         # effects that act here and have a usual strength in the literature
         is_natural = problem.natural != problem.neutral(problem.simulator_forms)
         masks = {name: problem.mask((name,)) for name in gains if name not in first}

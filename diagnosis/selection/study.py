@@ -131,7 +131,8 @@ def run_study(
     confirmed = confirm_effects(search, first, second)
     best, body_fit, refuted = _compare_with_body_strengths(search, confirmed)
     base, full = search.simulator_fit, best.fitted
-    linearized_base, linearized_full = linearize_fit(problem, base), linearize_fit(problem, full)
+    linearized_base = linearize_fit(problem, base)
+    linearized_full = linearized_base if full is base else linearize_fit(problem, full)
     residuals_before = compute_residuals(problem, base, linearized_base, rng)
     bodies = ((full, linearized_full),) if body_fit is None else linearize_bodies(problem, full, body_fit)
     residuals_after = compute_body_residuals(problem, bodies, rng)

@@ -22,7 +22,12 @@ from diagnosis.selection.effect_selection import fit_without_effect
 from diagnosis.selection.hypotheses import compute_signatures
 from diagnosis.selection.hypothesis_trials import try_hypothesis
 from diagnosis.selection.study import Study, select_shot_windows
-from diagnosis.unexplained.force_law import ExcessAcceleration, find_force_law, measure_excess_acceleration
+from diagnosis.unexplained.force_law import (
+    ExcessAcceleration,
+    find_force_law,
+    measure_excess_acceleration,
+    measure_resolved_acceleration,
+)
 from diagnosis.unexplained.local_patch import PatchFit, find_local_patch, fit_local_patch
 from diagnosis.verdicts.candidate_probabilities import (
     compute_probabilities,
@@ -83,7 +88,7 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
     probabilities = compute_probabilities(study.search, best, study.unknown_evidence)
     decision = decide_verdict(
         evidence, named_effects, probabilities, gap.closure, per_effect,
-        len({*study.usable_shots, *(one.shot for one in recordings)}),
+        len({*study.usable_shots, *(one.shot for one in recordings)}), len(gap.shots),
         patch_fit is not None and not best.names <= set(patch_fit.fitted.names), unexplained.is_clear,
     )  # fmt: skip
     verdict, named, notes = decision.verdict, decision.named, decision.notes
@@ -392,7 +397,9 @@ def _describe_unexplained(
     law, patch = None, None if patch_fit is None else patch_fit.patch
     reference = study.residuals_after.reference
     if excess is not None:
-        law = find_force_law(excess, reference.coordinates)
+        # where the named effects are no answer, what the simulator lacks is what it lacks without them
+        without = study.base if study.unknown_evidence.is_unknown else study.full
+        law = find_force_law(measure_resolved_acceleration(study.problem, without), reference.coordinates)
         if reference.unit == "m" and not study.problem.places:
             patch = find_local_patch(excess, rng)
     return Unexplained(
