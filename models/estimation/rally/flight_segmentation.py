@@ -18,7 +18,7 @@ from models.core.typing import FloatArray, IntArray
 from models.estimation.rally.event_evidence import FlightEnds, weigh_events
 from models.estimation.rally.flight_observations import CLUTTER_COST, FlightObservations
 from models.estimation.rally.single_flight import FlightPrior, SingleFlight, build_flight_prior, fit_single_flight
-from models.physics.flight.flight_motion import GRAVITY, accelerate
+from models.physics.flight.flight_motion import GRAVITY
 
 # s, longest flight between two events, and most stretches between kinks in it.
 _LONGEST_FLIGHT, _MOST_STRETCHES = 3.5, 7
@@ -180,8 +180,8 @@ def _collect_ends(nodes: list[_Node], t: FloatArray, is_end: bool) -> FlightEnds
     states = np.array([flight.path.states[row] for flight in flights])
     by = np.array([flight.path.derivatives[row] for flight in flights])
     covariances = np.array([flight.covariance for flight in flights])
-    p = np.array([flight.parameters for flight in flights])
-    return FlightEnds(float(t), states, by @ covariances @ by.transpose(0, 2, 1), accelerate(p, states))
+    accelerations = np.array([flight.path.accelerations[row] for flight in flights])
+    return FlightEnds(float(t), states, by @ covariances @ by.transpose(0, 2, 1), accelerations)
 
 
 @dataclass(frozen=True, slots=True)

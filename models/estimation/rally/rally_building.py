@@ -18,7 +18,7 @@ from models.estimation.rally.landing_hypotheses import find_landing, predict_lan
 from models.estimation.rally.rally_views import is_on_surface
 from models.numerics.least_squares import invert_semidefinite
 from models.numerics.statistics import measure_lack_of_fit
-from models.physics.flight.flight_motion import PARAMETER_COUNT, accelerate, fly, fly_flight
+from models.physics.flight.flight_motion import PARAMETER_COUNT, fly, fly_flight
 
 # Steps of differences by the parameters of a camera: m, rad, logarithm of the focal length, k1.
 _CAMERA_STEPS = np.array([0.01, 0.01, 0.01, 1e-4, 1e-4, 1e-4, 1e-4, 1e-3])
@@ -115,7 +115,7 @@ def build_rally(
                 events[-1] = replace(events[-1], covariance=events[-1].covariance + spread)
                 break
         to_fixed = np.eye(PARAMETER_COUNT, PARAMETER_COUNT + 1)
-        to_fixed[:6, -1] = -np.concatenate([p[3:6], accelerate(p, p[:6])])
+        to_fixed[:6, -1] = -np.concatenate([p[3:6], fly(p, np.zeros(1), structure.turn_length(k, sport)).accelerations[0]])
         turns = kind in (None, "hit")
         flights.append(Flight(start, end, p, to_fixed @ block @ to_fixed.T, turns, chi2[k]))
         if not structure.joined[k]:
