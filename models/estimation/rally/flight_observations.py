@@ -15,6 +15,9 @@ from models.core.typing import BoolArray, FloatArray, IntArray
 # Student-like loss: residuals far beyond this many standard deviations no longer pull. A detector's places have
 # tails that are wider than its own sigma says.
 ROBUST_SCALE = 3.0
+# px that an object at rest seems to move at most to either side, and s that it then stays: one that flies at the camera
+# or turns at its apex moves farther, but for some frames.
+REST_PX, _REST_TIME = 3.0, 0.2
 # Natural logarithm of the density of clutter per standard deviation of a place: 1/(2 pi sigma^2) against an image. It
 # is the price of an observation that no flight explains.
 CLUTTER_COST = 12.0
@@ -32,6 +35,8 @@ class FlightObservations:
     """(N, 3, 4) projections of places in space."""
     whitening: FloatArray
     """(N, 2, 2) from px to standard deviations: across the streak, and along it."""
+    is_resting: BoolArray
+    """(N,) whether the object lies still, in a hand or on the floor: no flight has to explain it."""
     players: FloatArray = field(default_factory=lambda: np.empty((0, 7)))
     """(P, 7) people on the court: s; left, top, right and bottom, px; x and y of their feet, m."""
 
@@ -40,7 +45,8 @@ class FlightObservations:
 
     def select(self, rows: slice | IntArray | BoolArray) -> FlightObservations:
         """Return the observations of some rows."""
-        return replace(self, t=self.t[rows], px=self.px[rows], matrix=self.matrix[rows], whitening=self.whitening[rows])
+        names = ("t", "px", "matrix", "whitening", "is_resting")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
 
 def prepare_observations(
@@ -68,7 +74,20 @@ def prepare_observations(
     along = np.where(length[:, None] > 0, streak / np.where(length, length, 1.0)[:, None], [1.0, 0.0])
     across = np.stack([-along[:, 1], along[:, 0]], axis=1)
     whitening = np.stack([across / sigma[:, :1], along / sigma[:, 1:]], axis=1)
-    return FlightObservations(t, camera.undistort(px), np.ascontiguousarray(matrix), whitening)
+    flat = camera.undistort(px)
+    resting = np.zeros(len(t), np.bool_)
+    return FlightObservations(t, flat, np.ascontiguousarray(matrix), whitening, resting)
+
+
+def find_rests(px: FloatArray, t: FloatArray) -> BoolArray:
+    """Find where an object at places (N, 2), px, of an image that stands still, does not move for a while."""
+    resting, first = np.zeros(len(px), np.bool_), 0
+    for last in range(len(px)):
+        while (np.ptp(px[first : last + 1], axis=0) > 2 * REST_PX).any():
+            first += 1
+        if t[last] - t[first] >= _REST_TIME:
+            resting[first : last + 1] = True
+    return resting
 
 
 def stabilize_places(camera: CourtCamera, frame: NDArray[np.int64], px: FloatArray) -> FloatArray:

@@ -118,7 +118,7 @@ def build_rally(
         to_fixed[:6, -1] = -np.concatenate([p[3:6], fly(p, np.zeros(1), structure.turn_length(k, sport)).accelerations[0]])
         turns = kind in (None, "hit")
         flights.append(Flight(start, end, p, to_fixed @ block @ to_fixed.T, turns, chi2[k]))
-        if not structure.joined[k]:
+        if not structure.joined[k] and turns:
             event = _build_first_hit(scene, flights[-1], rally, interval)
             events += [replace(event, probability=event.probability * chances[k])] if event is not None else []
     events = _drop_tosses(flights, events, sport)

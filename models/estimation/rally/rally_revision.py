@@ -119,8 +119,9 @@ def _collect_rivals(observed: FlightObservations, sport: Sport, best: RallyFit, 
 
 def weigh_fit(fit: RallyFit, observed: FlightObservations) -> float:
     """Return the evidence of a fit, the observations that it leaves as clutter included."""
-    explained = sum(len(rows) for rows in assign_times(observed.t, fit.structure, fit.values))
-    return fit.evidence - CLUTTER_COST * (len(observed) - explained)
+    explained = observed.is_resting.copy()
+    explained[np.concatenate(assign_times(observed.t, fit.structure, fit.values))] = True
+    return fit.evidence - CLUTTER_COST * int((~explained).sum())
 
 
 def leave_out_flights(
