@@ -124,7 +124,8 @@ def fit_rally(observed: FlightObservations, sport: Sport, hypothesis: RallyHypot
     values, heights, joined = build_flight_prior(sport).mean[list(_SHARED)].tolist(), [], []
     for guess in guesses:
         p = guess.flight.parameters.copy()
-        moved = fly(p, np.array([guess.t - observed.t[guess.first]]), 0.0).states[0]
+        turn_length = sport.object.turn_length * guess.flight.turns
+        moved = fly(p, np.array([guess.t - observed.t[guess.first]]), turn_length).states[0]
         # a flight that is followed back too far grows absurdly fast: nothing is known of what came before it
         joined.append(guess.is_joined and bool(np.linalg.norm(moved[3:]) < 1.5 * sport.object.max_speed))
         if joined[-1]:

@@ -78,6 +78,8 @@ class SingleFlight:
     """Natural logarithm of the probability density of the observations (Laplace), per standard deviation of each."""
     path: FlightPath
     """At the times of the observations."""
+    turns: bool
+    """Whether it begins with a hit, after which a shuttle turns over."""
 
 
 def build_flight_prior(sport: Sport) -> FlightPrior:
@@ -164,7 +166,7 @@ def fit_single_flight(
     path = fly(best.point, tau, turn_length)
     by_place = compare_places(observed, path.states[:, :3])[1]
     evidence += 2 * float(np.log(weigh_by_law(by_place, path.states[:, :3], sport.object, turn_length)).sum())
-    return SingleFlight(best.point, invert_semidefinite(information), best.cost, evidence, path)
+    return SingleFlight(best.point, invert_semidefinite(information), best.cost, evidence, path, turns)
 
 
 def _solve_linear(
