@@ -107,7 +107,8 @@ def _see_frame(rally: RallyPath, camera: CourtCamera, look: CourtLook, t: FloatA
         away = np.linalg.norm(ends - camera.centre, axis=-1)
         sizes_px = sizes * float(np.exp(camera.parameters[6])) / away
         rim = camera.to_pixels(np.stack([head.centre + head.axes[0], head.centre - head.axes[0]]), frame)
-        outline = np.concatenate([(spots - sizes_px[..., None]).reshape(-1, 2), (spots + sizes_px[..., None]).reshape(-1, 2), rim])
+        ends_px = [(spots + sign * sizes_px[..., None]).reshape(-1, 2) for sign in (-1, 1)]
+        outline = np.concatenate([*ends_px, rim])
         boxes.append(np.concatenate([np.nanmin(outline, axis=0), np.nanmax(outline, axis=0)]))
         along = spots[:, 1] - spots[:, 0]
         share = np.clip(((at - spots[:, 0]) * along).sum(1) / np.maximum((along**2).sum(1), 1e-9), 0, 1)

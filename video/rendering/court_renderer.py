@@ -385,8 +385,9 @@ _ANGLES = np.arange(12) * np.pi / 6
 def locate_object(
     rally: RallyPath, camera: CourtCamera, look: CourtLook, t: float, frame: int | None
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Return places (3, 3), m, and pixels (3, 2) of the object at the begin, middle and end of an exposure, and its
-    radius, px.
+    """Return places (3, 3), m, and pixels (3, 2) of the object during an exposure, and its radius, px.
+
+    They are those at its begin, its middle and its end; `t` is its middle, s of the rally.
     """
     places, _ = rally.place_at(t + look.exposure * np.array([-0.5, 0.0, 0.5]))
     matrix = camera.matrix_of(frame)

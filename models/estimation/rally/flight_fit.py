@@ -1,7 +1,7 @@
 """All flights of a rally fitted together: one law, events that join them, one least-squares problem.
 
-The parameters are those of the law that all flights of the clip share, the parameters of every flight at its start, and the times of the events
-between joined flights. An observation belongs to the flight that covers its time; since the flights meet at an event,
+The parameters are those of the law that all flights of the clip share, the parameters of every flight at its start, and
+the times of the events between joined flights. An observation belongs to the flight that covers its time; since the flights meet at an event,
 the cost is continuous where an event passes an observation.
 """
 
@@ -22,9 +22,8 @@ from models.estimation.rally.event_evidence import (
     NET_DEPTH,
     NET_SHARE,
     NET_SHARES,
-    REACH_SOFTNESS,
-    SURROUNDINGS_SOFTNESS,
     contact_ranges,
+    limit_hits,
     weigh_chance,
 )
 from models.estimation.rally.flight_observations import (
@@ -45,8 +44,8 @@ _BOUNCE_HEIGHT = 0.01
 # m by which a hit is away from the player's feet, to either side: an arm, a racket and a jump. Beyond so many times
 # that, the distance counts less: the feet of someone who is half hidden are not seen. s within which people are seen.
 _ARM, _PLAYER_SCALE, _PLAYER_TIME = 1.1, 2.0, 0.15
-# Parameters of a flight that the flights of a clip have in common: drag, its exponent, and lift by lag; and the share of
-# what is not known of the last two by which they differ from flight to flight.
+# Parameters of a flight that the flights of a clip have in common: drag, its exponent, and lift by lag; and the share
+# of what is not known of the last two by which they differ from flight to flight.
 _SHARED, _FLIGHT_SHARE = (6, 11, 12), 0.2
 SHARED_COUNT = len(_SHARED)
 # m/s along the court from which it is clear which way the object flies.
@@ -324,13 +323,7 @@ class _Problem:
     def _add_reach(self, k: int, p: FloatArray, t: float) -> None:
         """Keep a hit within the players' reach, near the court and, where people are seen, near one of them."""
         sport, at = self.sport, flight_slice(k).start
-        behind, beside = sport.surroundings
-        limits = (
-            (0, -behind, sport.length + behind, SURROUNDINGS_SOFTNESS),
-            (1, -beside, sport.width + beside, SURROUNDINGS_SOFTNESS),
-            (2, sport.floor + sport.object.radius, sport.floor + sport.reach, REACH_SOFTNESS),
-        )
-        for axis, low, high, softness in limits:
+        for axis, (low, high, softness) in enumerate(limit_hits(sport)):
             off = max(p[axis] - high, 0.0) + min(p[axis] - low, 0.0)
             if off:
                 row = np.zeros((1, self.size))
@@ -343,6 +336,7 @@ class _Problem:
             off = (p[:2] - feet) / _ARM
             factor, slope = bound_residuals(off[None], _PLAYER_SCALE)
             self._add(off * factor[0], np.eye(2) * slope[0] / _ARM, np.array([at, at + 1]))
+            behind, beside = sport.surroundings
             area = (sport.length + 2 * behind) * (sport.width + 2 * beside)
             self.normalizer += float(np.log(area / (2 * np.pi * _ARM**2)))
 

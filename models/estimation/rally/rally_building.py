@@ -29,8 +29,6 @@ _UNSEEN_START = 0.8
 _LOW_HIT, _LOW_HEIGHT = 0.9, 0.1
 # Places from which the looks of a flight are judged: a hit blurs two or three.
 _JUDGED_PLACES = 4
-# Frames by which the moment of a landing is known at best.
-_LANDING_FRAMES = 0.3
 # s before a flight in which the object may last have been seen, in a hand.
 _HAND_GAP = 0.4
 # Share of the length of the court that the first stroke of a rally drives the object at least: less is a toss.
@@ -109,13 +107,10 @@ def build_rally(
             chance = chances[k - 1] * chances[k]
             events.append(_build_event(kind, block, p, start, flights[-1], sport, chance))
             if kind == "landing":
-                # how a shuttle hops is hardly known, and so is the moment between two frames at which it lands
-                velocity = fly_flight(flights[-1], np.array([start]), sport.object).states[0, 3:] * [1, 1, 0]
-                spread = np.outer(velocity, velocity) * (_LANDING_FRAMES * interval) ** 2
-                events[-1] = replace(events[-1], covariance=events[-1].covariance + spread)
                 break
         to_fixed = np.eye(PARAMETER_COUNT, PARAMETER_COUNT + 1)
-        to_fixed[:6, -1] = -np.concatenate([p[3:6], fly(p, np.zeros(1), structure.turn_length(k, sport)).accelerations[0]])
+        at_start = fly(p, np.zeros(1), structure.turn_length(k, sport))
+        to_fixed[:6, -1] = -np.concatenate([p[3:6], at_start.accelerations[0]])
         turns = kind in (None, "hit")
         flights.append(Flight(start, end, p, to_fixed @ block @ to_fixed.T, turns, chi2[k]))
         if not structure.joined[k] and turns:
