@@ -90,7 +90,9 @@ class FlyingObject:
     """Standard deviation, about 0, of the share of gravity that a shuttle carries because its nose lags behind a path
     that bends."""
     law_error: float = 0.003
-    """m by which flights depart from this law; of a shuttle while it turns over."""
+    """m by which flights depart from this law."""
+    turn_error: float = 0.0
+    """m by which those of a shuttle do when it begins to turn over."""
 
 
 @dataclass(frozen=True, slots=True)

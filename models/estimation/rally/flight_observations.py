@@ -122,7 +122,7 @@ def weigh_by_law(by_place: FloatArray, xyz: FloatArray, item: FlyingObject, turn
         by_place: (N, 2, 3) derivatives of residuals by places.
         xyz: (N, 3) m, places of one flight, in the order of time.
         item: The object.
-        turn_length: m of path over which these errors fade; 0 where they last.
+        turn_length: m of path over which it turns over; 0 where it does not.
 
     Returns:
         Factors (N,) on residuals and derivatives.
@@ -130,7 +130,7 @@ def weigh_by_law(by_place: FloatArray, xyz: FloatArray, item: FlyingObject, turn
     error = np.full(len(xyz), item.law_error)
     if turn_length > 0:
         steps = np.linalg.norm(np.diff(xyz, axis=0, prepend=xyz[:1]), axis=1)
-        error *= np.exp(-np.cumsum(steps) / turn_length)
+        error += item.turn_error * np.exp(-np.cumsum(steps) / turn_length)
     largest = np.linalg.norm(by_place, axis=2).max(axis=1, initial=0.0)
     return np.asarray(1 / np.sqrt(1 + (error * largest) ** 2))
 
