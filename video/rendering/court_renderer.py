@@ -275,11 +275,7 @@ class CourtRenderer:
         """Draw the object over the exposure; also return its place (2,), streak (2,) and radius, px."""
         rally, look, sport = self._rally, self._look, self._rally.sport
         frame = self._frame(k)
-        times = self.t[k] + look.exposure * np.array([-0.5, 0.0, 0.5])
-        places, _ = rally.place_at(times)
-        px = self._camera.to_pixels(places, frame)
-        beside = self._camera.to_pixels(places[1] + self._right(frame) * sport.object.radius, frame)
-        radius = float(np.linalg.norm(beside - px[1]))
+        places, px, radius = locate_object(rally, self._camera, look, self.t[k], frame)
         truth = (px[1], px[2] - px[0], radius)
         middle = np.array([self._camera.width_px, self._camera.height_px]) / 2
         if not np.isfinite(px).all() or np.abs(px - middle).max() > 1.2 * self._camera.width_px:
@@ -307,13 +303,6 @@ class CourtRenderer:
         rgba = np.concatenate([share[..., None] * colour, 255 * share[..., None]], axis=-1)
         distance = float(np.linalg.norm(places[1] - self._camera.centre))
         return truth, _Layer(rgba.astype(np.float32), int(low[0]), int(low[1]), distance, *self._sides(places[1:2]))
-
-    def _right(self, frame: int | None) -> FloatArray:
-        """Return the direction (3,) that is to the right in the picture."""
-        matrix = self._camera.matrix_of(frame)
-        ahead = matrix[2, :3] / np.linalg.norm(matrix[2, :3])
-        right = matrix[0, :3] - ahead * (ahead @ matrix[0, :3])
-        return np.asarray(right / np.linalg.norm(right))
 
     def _draw_silhouette(
         self, mask: ByteArray, place: FloatArray, nose: FloatArray, px: FloatArray, low: FloatArray, radius: float,
@@ -391,6 +380,22 @@ class CourtRenderer:
 
 
 _ANGLES = np.arange(12) * np.pi / 6
+
+
+def locate_object(
+    rally: RallyPath, camera: CourtCamera, look: CourtLook, t: float, frame: int | None
+) -> tuple[FloatArray, FloatArray, float]:
+    """Return places (3, 3), m, and pixels (3, 2) of the object during an exposure, and its radius, px.
+
+    They are those at its begin, its middle and its end; `t` is its middle, s of the rally.
+    """
+    places, _ = rally.place_at(t + look.exposure * np.array([-0.5, 0.0, 0.5]))
+    matrix = camera.matrix_of(frame)
+    ahead = matrix[2, :3] / np.linalg.norm(matrix[2, :3])
+    right = matrix[0, :3] - ahead * (ahead @ matrix[0, :3])
+    px = camera.to_pixels(places, frame)
+    beside = camera.to_pixels(places[1] + right / np.linalg.norm(right) * rally.sport.object.radius, frame)
+    return places, px, float(np.linalg.norm(beside - px[1]))
 
 
 def _project(projection: FloatArray, places: FloatArray) -> FloatArray:

@@ -100,11 +100,11 @@ def simulate_rallies(sport: str, seed: int, count: int, folder: Path, **experime
     return [folder / f"{i:04d}.npz" for i in range(count)]
 
 
-def stage_rally(
+def film_rally(
     rng: np.random.Generator, rally: RallyPath, view: View, fps: Fraction, size: tuple[int, int],
     span: tuple[float, float],
-) -> tuple[CourtRenderer, CourtCamera, CourtLook, FloatArray]:  # fmt: skip
-    """Draw a look and a camera for a rally; also return the times (T,), s of the rally, of frames within a span, s."""
+) -> tuple[CourtCamera, CourtLook, FloatArray]:  # fmt: skip
+    """Draw a camera and a look for a rally; also return the times (T,), s of the rally, of frames within a span, s."""
     sport = rally.sport
     look = sample_look(rng, sport.name, str(rally.truth["surface"]), view, float(fps))
     camera = sample_camera(rng, sport, view, size)
@@ -116,6 +116,15 @@ def stage_rally(
         pan, zoom = (0.02, 0.03) if sport.is_filmed_from_side else (0.004, 0.01)
         pan, zoom = pan * rng.uniform(0.2, 1.5), zoom * rng.uniform(0.0, 1.5)
         camera = replace(camera, motion=sample_motion(rng, camera, len(t), float(fps), pan, 0.0, zoom))
+    return camera, look, t
+
+
+def stage_rally(
+    rng: np.random.Generator, rally: RallyPath, view: View, fps: Fraction, size: tuple[int, int],
+    span: tuple[float, float],
+) -> tuple[CourtRenderer, CourtCamera, CourtLook, FloatArray]:  # fmt: skip
+    """Draw what `film_rally` draws, and prepare the renderer for it."""
+    camera, look, t = film_rally(rng, rally, view, fps, size, span)
     return CourtRenderer(rng, rally, camera, look, view, t), camera, look, t
 
 

@@ -97,6 +97,16 @@ def weigh_events(
     return outcome
 
 
+def limit_hits(sport: Sport) -> tuple[tuple[float, float, float], ...]:
+    """Return the least and largest x, y and z, m, at which players hit, and the softness of these limits."""
+    behind, beside = sport.surroundings
+    return (
+        (-behind, sport.length + behind, SURROUNDINGS_SOFTNESS),
+        (-beside, sport.width + beside, SURROUNDINGS_SOFTNESS),
+        (sport.floor + sport.object.radius, sport.floor + sport.reach, REACH_SOFTNESS),
+    )
+
+
 def name_contact(sport: Sport) -> RallyEventKind:
     """Name what happens where the object meets the ground."""
     return "landing" if sport.object.restitution is None else "bounce"
@@ -218,11 +228,9 @@ def _weigh_hit(place: FloatArray, deviation: FloatArray, joint: _Joint, sport: S
     """Weigh that players hit within their reach, and towards the net."""
     from scipy.special import ndtr
 
-    behind, beside = sport.surroundings
-    off = _excess(place[:, 0], -behind, sport.length + behind) ** 2 / (deviation[:, 0] ** 2 + SURROUNDINGS_SOFTNESS**2)
-    off += _excess(place[:, 1], -beside, sport.width + beside) ** 2 / (deviation[:, 1] ** 2 + SURROUNDINGS_SOFTNESS**2)
-    low = sport.floor if sport.floor < 0 else 0.0
-    off += _excess(place[:, 2], low, sport.floor + sport.reach) ** 2 / (deviation[:, 2] ** 2 + REACH_SOFTNESS**2)
+    off = np.zeros(len(place))
+    for axis, (low, high, softness) in enumerate(limit_hits(sport)):
+        off += _excess(place[:, axis], low, high) ** 2 / (deviation[:, axis] ** 2 + softness**2)
     share = np.clip((place[:, 2] - sport.floor) / sport.reach, *HIT_HEIGHTS)
     off -= 2 * np.log(6 * share * (1 - share))
     is_near = ndtr((sport.length / 2 - place[:, 0]) / deviation[:, 0])

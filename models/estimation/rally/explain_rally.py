@@ -14,6 +14,7 @@ from models.core.typing import FloatArray, IntArray
 from models.estimation.rally.flight_fit import (
     RallyFit,
     fit_rally,
+    flight_slice,
     refine_fit,
 )
 from models.estimation.rally.flight_observations import (
@@ -27,7 +28,6 @@ from models.estimation.rally.initial_flights import align_flights
 from models.estimation.rally.landing_hypotheses import merge_landings
 from models.estimation.rally.rally_building import build_rally, weigh_flights
 from models.estimation.rally.rally_revision import WORST_RIVAL, Doubt, leave_out_flights, revise_structure, weigh_fit
-from models.physics.flight.flight_motion import PARAMETER_COUNT
 
 # Natural logarithm of the probability that an explanation is right although another fits better by as much: evidence
 # is computed from a model that is never wholly true, and so counts by half.
@@ -113,7 +113,7 @@ def _are_same(one: RallyFit, other: RallyFit) -> bool:
         one.structure.kinds == other.structure.kinds
         and one.structure.joined == other.structure.joined
         and abs(one.evidence - other.evidence) < 0.5
-        and bool(np.abs(one.values - other.values)[: 1 + PARAMETER_COUNT].max() < 0.05)
+        and bool(np.abs(one.values - other.values)[: flight_slice(0).stop].max() < 0.05)
     )
 
 
