@@ -121,7 +121,9 @@ class Sport:
     serves_on_own_half: bool = False
     """Whether a service first touches the half of the server, and then the other."""
     is_filmed_from_side: bool = False
-    """Whether the usual camera looks across the court, so that x runs to the right."""
+    """Whether the camera looks across the court, so that x runs to the right: the usual one, and in a `CourtScene` its
+    own.
+    """
 
     @property
     def halves(self) -> tuple[str, str]:
