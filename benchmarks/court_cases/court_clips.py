@@ -118,7 +118,8 @@ def _see_frame(rally: RallyPath, camera: CourtCamera, look: CourtLook, t: FloatA
     if sport.floor < 0 and places[1, 2] < 0:
         over = eye + eye[2] / (eye[2] - places[1, 2]) * (places[1] - eye)
         is_shown &= not bool((over[:2] > 0).all() and (over[:2] < [sport.length, sport.width]).all())
-    return FrameTruth(at, px[2] - px[0], radius, float(is_shown), 255.0 * is_shown, np.array(boxes))
+    shown = np.array([float(is_shown)])
+    return FrameTruth(at[None], (px[2] - px[0])[None], np.array([radius]), shown, 255 * shown, np.array(boxes))
 
 
 def read_truth(folder: Path) -> CourtTruth:
