@@ -19,6 +19,7 @@ from support.browser import HANG_S, accessibility_violations, console_messages, 
 from support.carom_start import Home
 
 from pipeline.app.app_server import AppServer
+from pipeline.app.shot_library import Card, ShotLibrary
 from pipeline.io.corrections_file import read_corrections
 
 pytestmark = pytest.mark.slow
@@ -185,3 +186,53 @@ def test_a_visitor_goes_from_a_clip_to_answers_corrections_and_a_comparison(
         visitor.find("h1")
         browser.switch_to.default_content()
         browser.get("about:blank")
+
+
+CARDS = 2000
+SOON_MS = 100
+"""Time within which scrolling and filtering show their result, ms."""
+MEASURE = """const done = arguments[arguments.length - 1];
+(async () => {
+  const search = document.getElementById("search");
+  const settle = async (isDone) => { while (!isDone()) await new Promise((resolve) => setTimeout(resolve)); };
+  const names = () => [...document.querySelectorAll(".card h2")].map((one) => one.innerText);
+  const times = {filter: [], scroll: []};
+  for (let k = 0; k < 5; k += 1) {
+    const name = `take ${1100 + k}`;
+    let start = performance.now();
+    search.value = name;
+    search.dispatchEvent(new Event("input", {bubbles: true}));
+    await settle(() => names().join() === name);
+    times.filter.push(performance.now() - start);
+    search.value = "";
+    search.dispatchEvent(new Event("input", {bubbles: true}));
+    await settle(() => names().length > 1);
+    const before = names()[0];
+    start = performance.now();
+    scrollTo(0, (k + 1) * 9000);
+    await settle(() => names()[0] !== before);
+    times.scroll.push(performance.now() - start);
+  }
+  done({...times, cards: document.querySelectorAll(".card").length, top: scrollY});
+})();"""
+"""Script: times, ms, of filtering and scrolling, each five times, and how many cards are in the document then."""
+
+
+def test_two_thousand_shots_are_filtered_and_scrolled_at_once(
+    browser: webdriver.Chrome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cards = [
+        Card(f"{k:04d}", f"take {k:04d}", "shot", "2026-01-02T03:04:05+00:00", "pool-9ft", 6, 3.0, "high",
+             "The cue ball hit red 3 first", False, "done", "", "report.html", 1000)
+        for k in range(CARDS)
+    ]  # fmt: skip
+    monkeypatch.setattr(ShotLibrary, "list_cards", lambda _: cards)
+    with serve_app(tmp_path) as server:
+        browser.get(server.url)
+        Visitor(browser).find(".card")
+        times = browser.execute_async_script(MEASURE)
+        browser.get("about:blank")
+    assert times["top"] > 40_000
+    assert times["cards"] < 80
+    assert min(times["filter"]) < SOON_MS  # the least of five: the others measure what else the machine does
+    assert min(times["scroll"]) < SOON_MS
