@@ -426,8 +426,12 @@ def _describe_events(
     naming, described = opened.fit.naming, []
     for one in events:
         path = paths[:, ids.index(one["a"])]
-        seen = np.isfinite(path[:, 0])
-        x, y = (float(np.interp(one["t"], t[seen], path[seen, k])) for k in range(2)) if seen.any() else (None, None)
+        is_finite = np.isfinite(path[:, 0])
+        x, y = (
+            (float(np.interp(one["t"], t[is_finite], path[is_finite, k])) for k in range(2))
+            if is_finite.any()
+            else (None, None)
+        )
         what = f"{naming.say(one['a'])} {format_meeting(one['kind'], one['b'], naming)}"
         text = f"{format_time(one['t'], one['t_sigma'])}: {start_sentence(what)}"
         described.append(one | {"x": x, "y": y, "text": text})
