@@ -426,8 +426,12 @@ def _describe_events(
     naming, described = opened.fit.naming, []
     for one in events:
         path = paths[:, ids.index(one["a"])]
-        seen = np.isfinite(path[:, 0])
-        x, y = (float(np.interp(one["t"], t[seen], path[seen, k])) for k in range(2)) if seen.any() else (None, None)
+        on_table = np.isfinite(path[:, 0])
+        x, y = (
+            (float(np.interp(one["t"], t[on_table], path[on_table, k])) for k in range(2))
+            if on_table.any()
+            else (None, None)
+        )
         what = f"{naming.say(one['a'])} {format_meeting(one['kind'], one['b'], naming)}"
         text = f"{format_time(one['t'], one['t_sigma'])}: {start_sentence(what)}"
         described.append(one | {"x": x, "y": y, "text": text})
