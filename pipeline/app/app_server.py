@@ -182,7 +182,7 @@ def build_app(
 
 def find_page_files() -> dict[str, Traversable]:
     """Find the files of the page by their addresses; that of the page itself is empty."""
-    found: dict[str, Traversable] = {}
+    page_files: dict[str, Traversable] = {}
     waiting = [("", files("pipeline.app").joinpath("page"))]
     while waiting:
         place, folder = waiting.pop()
@@ -190,8 +190,8 @@ def find_page_files() -> dict[str, Traversable]:
             if entry.is_dir():
                 waiting.append((f"{place}{entry.name}/", entry))
             elif PurePosixPath(entry.name).suffix in PAGE_TYPES:
-                found["" if f"{place}{entry.name}" == "index.html" else f"{place}{entry.name}"] = entry
-    return found
+                page_files["" if f"{place}{entry.name}" == "index.html" else f"{place}{entry.name}"] = entry
+    return page_files
 
 
 def _serve(file: Traversable) -> Any:

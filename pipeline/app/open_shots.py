@@ -261,9 +261,9 @@ class ShotDesk:
             OptionError: It cannot be corrected, such as a rally, or a shot whose clip was moved.
         """
         with self._lock:
-            present = self.find_session(shot)
-            if present is not None and present.edited.path.exists() and not present.is_outdated:
-                return present
+            session = self.find_session(shot)
+            if session is not None and session.edited.path.exists() and not session.is_outdated:
+                return session
             self.close_session(shot)
             opened = self.open(shot)
             edited = find_edited_clip(opened.folder, None)

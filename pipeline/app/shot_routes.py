@@ -426,10 +426,10 @@ def _describe_events(
     naming, described = opened.fit.naming, []
     for one in events:
         path = paths[:, ids.index(one["a"])]
-        on_table = np.isfinite(path[:, 0])
+        is_finite = np.isfinite(path[:, 0])
         x, y = (
-            (float(np.interp(one["t"], t[on_table], path[on_table, k])) for k in range(2))
-            if on_table.any()
+            (float(np.interp(one["t"], t[is_finite], path[is_finite, k])) for k in range(2))
+            if is_finite.any()
             else (None, None)
         )
         what = f"{naming.say(one['a'])} {format_meeting(one['kind'], one['b'], naming)}"

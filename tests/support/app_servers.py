@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -60,7 +61,11 @@ def serve_synthetic_shot(folder: Path, outcomes: tuple[MarkOutcome, ...] = ()) -
     with replace_runs(folder, outcomes=outcomes) as (clip, values):
         out = folder / "out"
         out.mkdir()
-        save_shot(make_unexplained_shot(values[1], values[0]), out)
+        scene, tracks, *_ = values
+        matrix = scene.camera.matrix.copy()
+        matrix[2, 2] = -1e-9  # the camera is far above, not infinitely far
+        seen = replace(scene, camera=replace(scene.camera, matrix=matrix))
+        save_shot(make_unexplained_shot(tracks, seen), out)
         write_json({"scene": "billiards", "fps": RATE}, out / "scene.json")
         write_json({"path": str(clip.path)}, out / "source.json")
         run = ClipRun(RATE, *values)

@@ -4,6 +4,8 @@ import { useStore } from "../store.js";
 import { text } from "../strings.js";
 
 const KINDS = ["ball", "rail", "pocket"];
+// Questions without a body.
+const RULES = ["first", "score", "foul"];
 const key = (body) => (body ? `${body.kind} ${body.id}` : "");
 
 export function AskForm({ shot }) {
@@ -35,7 +37,7 @@ export function AskForm({ shot }) {
     ${list("ask-one", key(one), text.ask.chooseBall, one && one.kind !== "ball" ? all : all.filter((body) => body.kind === "ball"), (event) => choose(find(event.target.value), two))}
     <span class="ask-words">${text.ask.touch}</span>
     ${list("ask-two", key(two), text.ask.chooseOther, all.filter((body) => key(body) !== key(one)), (event) => choose(one, find(event.target.value)))}
-    <button class="plain" id="ask-first"
-      onClick=${() => { shot.desk.set({ bodies: [] }); shot.ask({ question: "first" }); }}>${text.ask.first}</button>
+    <div class="ask-more">${RULES.map((question) => html`<button key=${question} id=${`ask-${question}`} disabled=${isAsking}
+      onClick=${() => { shot.desk.set({ bodies: [] }); shot.ask({ question }); }}>${text.ask.rules[question]}</button>`)}</div>
   </div>`;
 }

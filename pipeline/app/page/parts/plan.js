@@ -14,36 +14,43 @@ export function Plan({ shot }) {
   const { doc } = useStore(shot.state);
   const { bodies, played, rings, tab, event } = useStore(shot.desk);
   const { plan } = doc;
-  const svg = useRef(null);
+  const turned = useRef(null);
   const balls = doc.run?.balls ?? [];
   const colours = new Map(balls.map((ball) => [ball.id, ball.colour]));
   const margin = MARGIN * Math.max(plan.length, plan.width);
-  const [left, top, wide, high] = [-margin, -margin, plan.length + 2 * margin, plan.width + 2 * margin];
   const paths = useMemo(() => plan.paths.map((path, k) => [path.id, drawPath(path, Infinity), k]), [plan]);
   const onClick = (click) => {
     if (!balls.length) return;
-    const box = svg.current.getBoundingClientRect();
-    const scale = wide / box.width;
-    tapPlan(shot, [left + (click.clientX - box.left) * scale, top + (click.clientY - box.top) * scale], TAP_PX * scale);
+    const matrix = turned.current.getScreenCTM();
+    const place = new DOMPoint(click.clientX, click.clientY).matrixTransform(matrix.inverse());
+    tapPlan(shot, [place.x, place.y], TAP_PX / Math.hypot(matrix.a, matrix.b));
   };
   const path = event && plan.paths.find((one) => one.id === event.a);
   const place = path && placeAt(path, event.t);
   const chosen = (kind, id) => bodies.some((one) => one.kind === kind && one.id === id);
-  return html`<figure class="plan"><svg ref=${svg} class=${`plan-svg ${doc.kind}`}
-    viewBox=${`${left} ${top} ${wide} ${high}`} role="img"
+  return html`<figure class="plan"><svg class=${`plan-svg ${doc.kind}`} viewBox=${turnBox(plan, margin)} role="img"
       aria-label=${text.plan.label(doc.name)} onClick=${onClick}>
-    ${doc.kind === "rally" ? html`<${Court} plan=${plan} margin=${margin} landings=${doc.landings ?? []} />`
-      : html`<${Table} plan=${plan} margin=${margin} chosen=${chosen} />`}
-    ${paths.map(([id, d, k]) => html`<path key=${k} class="path" d=${d} stroke=${colours.get(id)} />`)}
-    ${tab === "play" && played?.paths.map((path) => html`<path key=${`played ${path.id}`} class="path played"
-      d=${drawPath(path, Infinity)} stroke=${colours.get(path.id)} />`)}
-    ${tab === "placement" && rings?.balls.map((one) => html`<circle key=${`ring ${one.id}`} class="ring" cx=${one.xy[0]}
-      cy=${one.xy[1]}
-      r=${plan.ball_radius + 2 * one.sigma_mm / 1000} />`)}
-    ${place && html`<circle class="contact-mark" cx=${place[0]} cy=${place[1]} r=${1.7 * (plan.ball_radius ?? 0.05)} />`}
-    <${MovingBalls} shot=${shot} plan=${plan} balls=${balls} played=${tab === "play" ? played : null} chosen=${chosen} />
+    <g ref=${turned} transform=${`rotate(${90 * (plan.turns ?? 0)})`}>
+      ${doc.kind === "rally" ? html`<${Court} plan=${plan} margin=${margin} landings=${doc.landings ?? []} />`
+        : html`<${Table} plan=${plan} margin=${margin} chosen=${chosen} />`}
+      ${paths.map(([id, d, k]) => html`<path key=${k} class="path" d=${d} stroke=${colours.get(id)} />`)}
+      ${tab === "play" && played?.paths.map((one) => html`<path key=${`played ${one.id}`} class="path played"
+        d=${drawPath(one, Infinity)} stroke=${colours.get(one.id)} />`)}
+      ${tab === "placement" && rings?.balls.map((one) => html`<circle key=${`ring ${one.id}`} class="ring"
+        cx=${one.xy[0]} cy=${one.xy[1]} r=${plan.ball_radius + 2 * one.sigma_mm / 1000} />`)}
+      ${place && html`<circle class="contact-mark" cx=${place[0]} cy=${place[1]} r=${1.7 * (plan.ball_radius ?? 0.05)} />`}
+      <${MovingBalls} shot=${shot} plan=${plan} balls=${balls} played=${tab === "play" ? played : null} chosen=${chosen} />
+    </g>
   </svg>
   ${balls.length > 0 && html`<figcaption>${text.plan.hint}</figcaption>`}</figure>`;
+}
+
+/** The view box of a plan that is turned clockwise by quarters about its origin, so that it lies as in the frame. */
+function turnBox({ length, width, turns = 0 }, margin) {
+  const corners = [[-margin, -margin], [length + margin, width + margin]].map(([x, y]) => (
+    [[x, y], [-y, x], [-x, -y], [y, -x]][turns % 4]));
+  const [left, top] = [0, 1].map((k) => Math.min(corners[0][k], corners[1][k]));
+  return [left, top, ...[0, 1].map((k) => Math.abs(corners[1][k] - corners[0][k]))].join(" ");
 }
 
 function Table({ plan, margin, chosen }) {

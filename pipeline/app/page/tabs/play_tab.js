@@ -6,6 +6,8 @@ import { text } from "../strings.js";
 
 // ms after the last move of a slider until the shot is played.
 const WAIT_MS = 120;
+// ms until a better answer may be there: contact models of the whole shot are found while the first one is shown.
+const BETTER_MS = 10_000;
 // Share of the plays from which an event is listed.
 const LIKELY = 0.5;
 const NONE = { speed_percent: 0, angle_deg: 0, top_percent: 0, side_percent: 0 };
@@ -27,8 +29,10 @@ export function PlayTab({ shot }) {
     running.current = control;
     setIsBusy(true);
     try {
-      shot.desk.set({ played: await post(shot.address(path), body, control.signal) });
+      const played = await post(shot.address(path), body, control.signal);
+      shot.desk.set({ played });
       setError("");
+      if (played.is_final === false) timer.current = setTimeout(() => request(path, body), BETTER_MS);
     } catch (one) {
       if (one.name !== "AbortError") setError(one.message);
     } finally {
@@ -70,7 +74,7 @@ function Plays({ played }) {
   return html`<p>${first}</p>
     <dl class="measures"><div><dt>${text.play.asStruck}</dt><dd>${chance(played.chance.as_struck)}</dd></div>
       <div><dt>${text.play.otherwise}</dt><dd>${chance(played.chance.otherwise)}</dd></div></dl>
-    ${likely.length > 0 && html`<ol class="plays">${likely.map((one) => html`<li key=${one.text}>${one.text}
+    ${likely.length > 0 && html`<ol class="plays">${likely.map((one) => html`<li key=${one.text}>${one.text}${" "}
       <span class="share">${text.percent(one.probability)}</span></li>`)}</ol>`}
     ${others.length > 0 && html`<details><summary>${text.play.more}
       </summary>${others.map((one) => html`<p key=${one}>${one}</p>`)}</details>`}`;

@@ -1,5 +1,5 @@
 // What can be said of the chosen ball or event.
-import { html, useEffect, useState } from "../html.js";
+import { html, useState } from "../html.js";
 import { BALL_ACTIONS, cancelCorrection, pickBall, pickCushion } from "../shot/hand_tools.js";
 import { deleteEvent, findBall, moveEvent, setBall } from "../shot/marks.js";
 import { CUSHIONS } from "../shot/shot_model.js";
@@ -15,9 +15,9 @@ export function Selection({ shot }) {
   const ball = findBall(doc.run, id);
   if (!ball && !event) return null;
   return html`<section id="selection" class="selection" aria-live="polite">
-    ${ball && question ? html`<${Question} shot=${shot} ball=${ball} question=${question} />`
-      : ball ? html`<${BallPanel} shot=${shot} ball=${ball} classes=${doc.run.classes} />` : html`<${EventPanel}
-        shot=${shot} event=${event} />`}
+    ${ball && question && html`<${Question} shot=${shot} ball=${ball} question=${question} />`}
+    ${ball && !question && html`<${BallPanel} key=${ball.id} shot=${shot} ball=${ball} classes=${doc.run.classes} />`}
+    ${!ball && html`<${EventPanel} key=${`${event.kind} ${event.frame}`} shot=${shot} event=${event} />`}
   </section>`;
 }
 
@@ -33,7 +33,6 @@ function Question({ shot, ball, question }) {
 
 function BallPanel({ shot, ball, classes }) {
   const [name, setName] = useState(ball.id);
-  useEffect(() => setName(ball.id), [ball.id]);
   const { run } = shot;
   const rename = (event) => {
     event.preventDefault();
@@ -61,7 +60,6 @@ function EventPanel({ shot, event }) {
   const { row } = useStore(shot.player.clock);
   const frame = shot.player.frames.distinct[row];
   const [exact, setExact] = useState(event.frame.toFixed(2));
-  useEffect(() => setExact(event.frame.toFixed(2)), [event]);
   const move = (to) => shot.change((c) => moveEvent(shot.run, c, event, to));
   return html`<h2>${event.text}</h2><p class="small">${text.correct.eventFacts(event)}</p>
     ${!MARKED.includes(event.kind) ? html`<p class="small">${text.correct.follows}</p>` : html`

@@ -17,10 +17,13 @@ export function PhoneView() {
   return html`<div class="phone"><h1>${text.phone.heading}</h1>
     ${error && html`<p role="alert">${error}</p>`}
     ${pairing && html`<ol><li>${text.phone.sameNetwork}</li><li>${text.phone.scan}</li><li>${text.phone.then}</li></ol>
-      <div class=${`code ${left ? "" : "expired"}`}><img src=${`data:image/svg+xml,${encodeURIComponent(pairing.svg)}`}
+      <div class=${`code ${left ? "" : "expired"}`}><img src=${`data:image/svg+xml,${encodeURIComponent(completeImage(pairing.svg))}`}
         alt=${text.phone.qr} width="240" height="240" />
-        <p>${text.phone.orType}</p><p class="address">${pairing.address}</p><p class="number">${pairing.code}</p></div>
+        <p>${text.phone.orType}</p><p class="address">${pairing.address}</p></div>
       <p role="status">${left ? text.phone.expires(left) : text.phone.expired}</p>`}
     <p><button class="main" onClick=${renew}>${text.phone.renew}</button></p>
     <p class="small">${text.phone.safety}</p></div>`;
 }
+
+/** An image of its own names the namespace of SVG, which a part of a page does without. */
+const completeImage = (svg) => new XMLSerializer().serializeToString(new DOMParser().parseFromString(svg, "text/html").querySelector("svg"));
