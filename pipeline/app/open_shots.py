@@ -71,6 +71,7 @@ class OpenShot:
         self.saved: Shot | Rally = read_saved(folder)
         self._cache = cache
         self._lock, self._clip_lock = threading.RLock(), threading.Lock()
+        self._is_warm = False
         self._record: ShotRecord | None = None
         self._struck: OrderedDict[int, StruckShot] = OrderedDict()
         self._laws: WholeShotFit | None = None
@@ -116,8 +117,10 @@ class OpenShot:
         return bool(path) and Path(path).exists()
 
     def warm_up(self) -> None:
-        """Prepare in the background for what a page may ask next."""
-        if isinstance(self.saved, Shot):
+        """Prepare in the background for what a page may ask next; only the first call acts."""
+        with self._lock:
+            is_first, self._is_warm = not self._is_warm, True
+        if is_first and isinstance(self.saved, Shot):
             threading.Thread(target=self._prepare, daemon=True).start()
 
     def _prepare(self) -> None:
