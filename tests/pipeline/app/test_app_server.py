@@ -19,6 +19,7 @@ from support.app_requests import MP4_HEADER, THUMBNAIL, Reply, Visitor, list_tre
 from support.carom_start import run_program
 
 from pipeline.app import access_guard, app_server, uploads
+from pipeline.app.app_server import LibraryHandlers
 from pipeline.app.job_queue import JobQueue
 from pipeline.app.shot_library import ShotLibrary
 
@@ -341,6 +342,34 @@ def test_nothing_is_paired_without_the_option(visitor: Visitor, tmp_path: Path) 
 
     visitor.app = build_app(visitor.library, visitor.queue, visitor.keys)
     assert visitor.ask("POST", "api/lan/code").status == 409
+
+
+def test_pages_are_told_what_happens_also_while_much_happens(
+    visitor: Visitor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(app_server, "WATCH_S", 0.05)
+    monkeypatch.setattr(app_server, "MAX_WAITING", 3)
+    handlers = LibraryHandlers(visitor.library, visitor.queue, visitor.keys, "", lambda: False)
+
+    async def listen() -> list[dict[str, object]]:
+        stream = handlers.stream_events()
+        assert await anext(stream) == "retry: 1000\n\n"
+        for number in range(5):  # more than may wait
+            visitor.library.announce(type="job", id=number)
+        await asyncio.sleep(0)
+        messages = [json.loads((await anext(stream))[5:])]
+        write_run(tmp_path / "library" / "by another program")
+        while messages[-1] == messages[0] or messages[-1]["type"] != "library":
+            visitor.library.announce(type="job", id="busy")
+            text = await anext(stream)
+            messages += [json.loads(text[5:])] if text.startswith("data:") else []
+        await stream.aclose()
+        return messages
+
+    messages = asyncio.run(asyncio.wait_for(listen(), 60.0))
+    assert messages[0]["type"] == "library"
+    assert {"type": "job", "id": "busy"} in messages
+    assert visitor.library.listeners == []
 
 
 def test_the_server_starts_without_what_computes() -> None:
