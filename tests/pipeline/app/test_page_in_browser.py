@@ -39,9 +39,9 @@ FOREIGN = """return performance.getEntriesByType("resource").map((one) => one.na
 """Script: addresses of other machines that the page asked."""
 
 
-@pytest.fixture(scope="module", params=(1280, 390))
-def browser(request: pytest.FixtureRequest) -> Iterator[webdriver.Chrome]:
-    with open_chromium(request.param) as opened:
+@pytest.fixture(scope="module")
+def browser() -> Iterator[webdriver.Chrome]:
+    with open_chromium() as opened:
         yield opened
 
 
@@ -79,7 +79,7 @@ class Visitor:
         self.wait(lambda: self.find(".answer .question").text != before)
         return self.find(".answer .verdict").text
 
-    def require_faultless(self, *, is_phone: bool) -> None:
+    def require_faultless(self, *, is_phone: bool = False) -> None:
         """Require that the page fits, is accessible, and complains about nothing."""
         assert accessibility_violations(self.browser) == []
         wide, screen = self.browser.execute_script("return [document.documentElement.scrollWidth, innerWidth]")
@@ -103,12 +103,11 @@ def test_a_visitor_goes_from_a_clip_to_answers_corrections_and_a_comparison(
     monkeypatch.setenv("TRUEROLL_CACHE", str(own_home.cache))
     library = tmp_path / "library"
     library.mkdir()
-    is_phone = browser.get_window_size()["width"] < 600
     visitor = Visitor(browser)
     with serve_app(library) as server:
         browser.get(server.url)
         visitor.find(".drop.large")
-        visitor.require_faultless(is_phone=is_phone)
+        visitor.require_faultless()
 
         # A clip is dropped; the page is closed and opened again while it runs.
         browser.find_element(By.ID, "chooser").send_keys(str(own_home.clip))
@@ -119,7 +118,7 @@ def test_a_visitor_goes_from_a_clip_to_answers_corrections_and_a_comparison(
 
         # The first answer is there, without a question.
         assert "sure" in visitor.find(".answer .verdict").text
-        visitor.require_faultless(is_phone=is_phone)
+        visitor.require_faultless()
 
         # Three questions.
         shot = read_library(server)[0]["id"]
@@ -139,7 +138,7 @@ def test_a_visitor_goes_from_a_clip_to_answers_corrections_and_a_comparison(
         webdriver.ActionChains(browser).send_keys(Keys.ARROW_RIGHT * 5).perform()
         visitor.find(".measures dd", "%")
         assert browser.find_elements(By.CSS_SELECTOR, ".path.played")
-        visitor.require_faultless(is_phone=is_phone)
+        visitor.require_faultless()
 
         # A class and a contact are corrected.
         visitor.click("#tab-correct")
@@ -155,7 +154,7 @@ def test_a_visitor_goes_from_a_clip_to_answers_corrections_and_a_comparison(
         visitor.wait(lambda: read_corrections(clip).corrections.contacts)
         visitor.wait(lambda: ask_app(server, "GET", f"api/shots/{shot}/status")["result"] == 2)
         visitor.find("#changes li:not(.small)")
-        visitor.require_faultless(is_phone=is_phone)
+        visitor.require_faultless()
         visitor.click("#undo")
         visitor.wait(lambda: not read_corrections(clip).corrections.contacts)
 
@@ -179,13 +178,34 @@ def test_a_visitor_goes_from_a_clip_to_answers_corrections_and_a_comparison(
         visitor.wait(lambda: len(read_library(server)) == 3)
         visitor.click(".notice button:not(.icon)")
         visitor.wait(lambda: len(read_library(server)) == 4)
-        visitor.require_faultless(is_phone=is_phone)
+        visitor.require_faultless()
         session = next(one for one in read_library(server) if one["kind"] == "session")
         browser.get(f"{server.url}#/session/{session['id']}")
         browser.switch_to.frame(visitor.find("iframe"))
         visitor.find("h1")
         browser.switch_to.default_content()
+        with open_chromium(390) as phone:
+            look_around_on_a_phone(Visitor(phone), f"{server.url}#/shot/{shot}", names)
         browser.get("about:blank")
+
+
+def look_around_on_a_phone(visitor: Visitor, address: str, names: list[str]) -> None:
+    """Ask, and look at all parts of a shot and at the library."""
+    visitor.browser.get(address)
+    assert "sure" in visitor.find(".answer .verdict").text
+    assert "sure" in visitor.ask(names[1], names[2])
+    for tab, shown in (
+        ("story", ".list"),
+        ("numbers", ".numbers"),
+        ("placement", ".ball-place"),
+        ("correct", "#balls"),
+    ):
+        visitor.click(f"#tab-{tab}")
+        visitor.find(shown)
+        visitor.require_faultless(is_phone=True)
+    visitor.click(".back")
+    visitor.find(".card")
+    visitor.require_faultless(is_phone=True)
 
 
 CARDS = 2000
