@@ -125,8 +125,8 @@ def _explain_no_second(naming: Naming, kind: str, text: str) -> str:
     """Explain why a text names no second ball, pocket or cushion of a question."""
     if kind == "contact":
         return naming.explain_no_ball(text)
-    name, known = (naming.view.name_pocket, POCKETS) if kind == "pocket" else (naming.name_rail, CUSHIONS)
-    return f"a {kind} is one of {', '.join(f'{name(one)} ({one})' for one in known)}; got {text!r}"
+    name, places = (naming.view.name_pocket, POCKETS) if kind == "pocket" else (naming.name_rail, CUSHIONS)
+    return f"a {kind} is one of {', '.join(f'{name(one)} ({one})' for one in places)}; got {text!r}"
 
 
 def answer_call(

@@ -7,6 +7,7 @@ A server that is killed loses the lock, and what it had begun is taken up again.
 from __future__ import annotations
 
 import json
+import math
 import os
 import secrets
 import subprocess
@@ -63,7 +64,7 @@ class Job:
     """Finished share of the stage."""
     check: dict[str, Any] | None = None
     """How the clip is filmed: `level` (good, usable, bad) and `sentences`."""
-    found: tuple[str, ...] = ()
+    findings: tuple[str, ...] = ()
     """First results in sentences."""
     preview_revision: int = 0
     """Counts the images of first results."""
@@ -119,9 +120,13 @@ class JobQueue:
     def _describe_job(self, job: Job) -> dict[str, Any]:
         """Describe a job for the page."""
         shot = self._identify(job) if self._library.has_card(self._identify(job)) else None
-        own = {key: value for key, value in asdict(job).items() if key not in ("clip", "arguments", "folder", "ended")}
+        own = {
+            key: value
+            for key, value in asdict(job).items()
+            if key not in ("clip", "arguments", "folder", "ended", "findings")
+        }
         action = job.arguments[0] if job.arguments else ""
-        return {**own, "action": action, "found": list(job.found), "preview": job.preview_revision > 0, "shot": shot}
+        return {**own, "action": action, "found": list(job.findings), "preview": job.preview_revision > 0, "shot": shot}
 
     def _identify(self, job: Job) -> str:
         return self._library.identify(self._library.root / job.folder)
@@ -251,24 +256,24 @@ class JobQueue:
 
     def _poll(self) -> None:
         """Read the files that have changed, and tell pages and workers of them. The caller holds the lock."""
-        found: dict[str, tuple[int, int]] = {}
+        states: dict[str, tuple[int, int]] = {}
         with suppress(OSError), os.scandir(self._home) as entries:
             for entry in entries:
                 if entry.name.endswith(".json") and not entry.name.startswith("."):
                     facts = entry.stat(follow_symlinks=False)
-                    found[entry.name[:-5]] = (facts.st_mtime_ns, facts.st_ino)
-        before, self._states = self._states, found
-        for gone in self._jobs.keys() - found.keys():
+                    states[entry.name[:-5]] = (facts.st_mtime_ns, facts.st_ino)
+        before, self._states = self._states, states
+        for gone in self._jobs.keys() - states.keys():
             del self._jobs[gone]
-        for job, state in found.items():
+        for job, state in states.items():
             if before.get(job) != state and (read := _read_job(self._home / f"{job}.json")) is not None:
                 self._jobs[job] = read
                 self._library.announce(type="job", **self._describe_job(read))
-        if before.keys() - found.keys():
+        if before.keys() - states.keys():
             self._library.announce(type="library", revision=self._library.revision)
         if self._running and self._is_stopped(self._running) and self._process is not None:
             self._process.close()
-        if before != found:
+        if before != states:
             self._change.notify_all()
 
     def _is_stopped(self, job: str) -> bool:
@@ -351,11 +356,12 @@ class JobQueue:
         def listen(message: dict[str, Any]) -> None:
             changes: dict[str, Any] = {}
             if "found" in message:
-                changes = {"found": tuple(message["found"]), "preview_revision": _measure_change(image)}
+                changes = {"findings": tuple(message["found"]), "preview_revision": _measure_change(image)}
             elif "shot" in message:
                 changes = {"stage": "shot {} of {}".format(*message["shot"]), "share": message["done"]}
             elif "stage" in message:
-                changes = {"stage": message["stage"], "share": message["share"]}
+                share = message["share"]  # NaN where a stage cannot tell
+                changes = {"stage": message["stage"], "share": share if math.isfinite(share) else 0.0}
             if changes and self._update(job.id, ("running",), **changes) is not None and "share" not in changes:
                 self._library.announce_changes()
 
@@ -403,7 +409,7 @@ def _read_job(path: Path) -> Job | None:
     """Read a job; None where the file is damaged or has just gone."""
     with suppress(OSError, ValueError, TypeError, KeyError, RecursionError):
         document = json.loads(path.read_bytes())
-        job = Job(**{**document, "arguments": tuple(document["arguments"]), "found": tuple(document["found"])})
+        job = Job(**{**document, "arguments": tuple(document["arguments"]), "findings": tuple(document["findings"])})
         return job if job.id == path.stem and job.state in OPEN_STATES + ENDED_STATES else None
     return None
 

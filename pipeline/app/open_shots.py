@@ -47,6 +47,8 @@ DRAWS = 100
 SEED = 0
 # Strokes whose plays are kept per shot.
 KEPT_STROKES = 2
+# Contact models of one shot are searched at a time: that takes a core for up to a minute.
+_LAWS_TURN = threading.Lock()
 
 
 class SilentWatcher:
@@ -69,6 +71,7 @@ class OpenShot:
         self.saved: Shot | Rally = read_saved(folder)
         self._cache = cache
         self._lock, self._clip_lock = threading.RLock(), threading.Lock()
+        self._is_warm = False
         self._record: ShotRecord | None = None
         self._struck: OrderedDict[int, StruckShot] = OrderedDict()
         self._laws: WholeShotFit | None = None
@@ -114,8 +117,10 @@ class OpenShot:
         return bool(path) and Path(path).exists()
 
     def warm_up(self) -> None:
-        """Prepare in the background for what a page may ask next."""
-        if isinstance(self.saved, Shot):
+        """Prepare in the background for what a page may ask next; only the first call acts."""
+        with self._lock:
+            is_first, self._is_warm = not self._is_warm, True
+        if is_first and isinstance(self.saved, Shot):
             threading.Thread(target=self._prepare, daemon=True).start()
 
     def _prepare(self) -> None:
@@ -165,7 +170,7 @@ class OpenShot:
 
     def _fit_laws(self) -> None:
         """Find contact models of the whole shot; without them, side spin stays unknown."""
-        with suppress(TruerollError, OSError, ValueError):
+        with _LAWS_TURN, suppress(TruerollError, OSError, ValueError):
             load_laws(self.folder, self.shot, self._cache)
 
     @property
@@ -233,23 +238,23 @@ class ShotDesk:
         folder = self._library.find_folder(shot)
         digest = _hash_state(folder)
         with self._lock:
-            known = self._shots.get(shot)
-            if known is None or known.digest != digest or known.folder != folder:
-                known = OpenShot(folder, digest, self._cache)
-            self._shots[shot] = known
+            opened = self._shots.get(shot)
+            if opened is None or opened.digest != digest or opened.folder != folder:
+                opened = OpenShot(folder, digest, self._cache)
+            self._shots[shot] = opened
             self._shots.move_to_end(shot)
             while len(self._shots) > KEPT_SHOTS:
                 self._shots.popitem(last=False)
-            return known
+            return opened
 
     def find_session(self, shot: str) -> EditSession | None:
         """Find the session of corrections of a shot; None where nothing was corrected lately."""
         with self._lock:
-            kept = self._sessions.get(shot)
-            if kept is None:
+            entry = self._sessions.get(shot)
+            if entry is None:
                 return None
-            kept.used = time.monotonic()
-            return kept.session
+            entry.used = time.monotonic()
+            return entry.session
 
     def open_session(self, shot: str) -> EditSession:
         """Open the session of corrections of a shot, or return the one that is open.
@@ -259,9 +264,9 @@ class ShotDesk:
             OptionError: It cannot be corrected, such as a rally, or a shot whose clip was moved.
         """
         with self._lock:
-            known = self.find_session(shot)
-            if known is not None and known.edited.path.exists() and not known.is_outdated:
-                return known
+            session = self.find_session(shot)
+            if session is not None and session.edited.path.exists() and not session.is_outdated:
+                return session
             self.close_session(shot)
             opened = self.open(shot)
             edited = find_edited_clip(opened.folder, None)
@@ -282,9 +287,9 @@ class ShotDesk:
     def close_session(self, shot: str) -> None:
         """Close the session of a shot, if one is open; a run in progress is given up."""
         with self._lock:
-            kept = self._sessions.pop(shot, None)
-        if kept is not None:
-            kept.session.close()
+            entry = self._sessions.pop(shot, None)
+        if entry is not None:
+            entry.session.close()
 
     def close(self) -> None:
         """Close all sessions."""
@@ -296,8 +301,8 @@ class ShotDesk:
         """Close the sessions that nobody has used for `IDLE_S`, and that run nothing, at a time of the clock, s."""
         with self._lock:
             idle = [
-                shot for shot, kept in self._sessions.items()
-                if now - kept.used > IDLE_S and not kept.session.status.stage
+                shot for shot, entry in self._sessions.items()
+                if now - entry.used > IDLE_S and not entry.session.status.stage
             ]  # fmt: skip
         for shot in idle:
             self.close_session(shot)

@@ -192,15 +192,15 @@ class ShotLibrary:
             Whether anything has.
         """
         with self._lock:
-            before, found = self._folders, dict[str, _Folder]()
-            for place, known in self._walk():
-                found[place] = known
+            before, folders = self._folders, dict[str, _Folder]()
+            for place, folder in self._walk():
+                folders[place] = folder
             changed = {p: f.card for p, f in before.items() if f.card} != {
-                p: f.card for p, f in found.items() if f.card
+                p: f.card for p, f in folders.items() if f.card
             }
-            self._folders = found
+            self._folders = folders
             if changed or not self._paths:
-                self._paths = {one.card.id: place for place, one in found.items() if one.card is not None}
+                self._paths = {one.card.id: place for place, one in folders.items() if one.card is not None}
             if changed:
                 self._revision += 1
                 self._write_index()
@@ -215,14 +215,14 @@ class ShotLibrary:
             path = self.root / place if place else self.root
             try:
                 changed = os.stat(path).st_mtime_ns
-                known = self._folders.get(place)
-                if known is None or known.changed_ns != changed:
-                    known = _read_folder(path, place, changed)
+                folder = self._folders.get(place)
+                if folder is None or folder.changed_ns != changed:
+                    folder = _read_folder(path, place, changed)
             except OSError:
                 continue
-            yield place, known
+            yield place, folder
             if depth < self._depth and len(waiting) < MAX_FOLDERS:
-                waiting += [(f"{place}/{name}" if place else name, depth + 1) for name in known.children]
+                waiting += [(f"{place}/{name}" if place else name, depth + 1) for name in folder.children]
 
     def measure_disk(self) -> dict[str, int]:
         """Measure the bytes that the library takes, those of them in the trash, and those that are free."""
@@ -333,13 +333,13 @@ def _read_object(path: Path) -> dict[str, Any]:
 def _read_folder(path: Path, place: str, changed_ns: int) -> _Folder:
     """Read one folder of the library; raises OSError."""
     with os.scandir(path) as entries:
-        found = {entry.name: entry for entry in entries if not entry.name.startswith(".") and not entry.is_symlink()}
-    is_run = RUN_FILE in found
+        entry_of = {entry.name: entry for entry in entries if not entry.name.startswith(".") and not entry.is_symlink()}
+    is_run = RUN_FILE in entry_of
     hidden = ("shot",) if is_run else (CLIP_FOLDER,) if not place else ()
-    children = sorted(name for name, entry in found.items() if entry.is_dir() and name not in hidden)
-    card = _make_card(path, place, set(found)) if place else None
+    children = sorted(name for name, entry in entry_of.items() if entry.is_dir() and name not in hidden)
+    card = _make_card(path, place, set(entry_of)) if place else None
     if card is not None:
-        own = sum(entry.stat().st_size for entry in found.values() if entry.is_file())
+        own = sum(entry.stat().st_size for entry in entry_of.values() if entry.is_file())
         card = replace(card, bytes=own + (_measure_tree(path / "shot") if is_run else 0))
     is_settled = time.time_ns() - changed_ns > SETTLE_NS
     return _Folder(changed_ns if is_settled else 0, tuple(children), card)

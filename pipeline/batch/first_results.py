@@ -64,8 +64,8 @@ class FirstResults:
 
     def conclude(self, run: FinishedRun | FinishedRally) -> None:
         """Report what is known at the end; a run of which all was cached has not reported anything else."""
-        found = list_first_events(run.fit) if isinstance(run, FinishedRun) else [describe_rally_landing(run.rally)]
-        self._say(found)
+        sentences = list_first_events(run.fit) if isinstance(run, FinishedRun) else [describe_rally_landing(run.rally)]
+        self._say(sentences)
 
     def _say(self, sentences: Sequence[str]) -> None:
         if self._sentences != tuple(sentences):
@@ -96,9 +96,9 @@ class FirstResults:
 def _list_marks(value: Detections | Tracks | BallCandidates) -> tuple[FloatArray, FloatArray, list[FloatArray]]:
     """List rings (K, 2) px with their radii (K,) px in the newest frame, and the paths until then, (T, 2) px each."""
     if isinstance(value, Tracks):
-        seen = np.asarray(np.isfinite(value.px).all(axis=2))
-        paths = [value.px[seen[:, k], k] for k in range(len(value.ids))]
-        return value.px[-1, seen[-1]], value.radius_px[-1, seen[-1]] * RING_SCALE, paths
+        is_seen = np.asarray(np.isfinite(value.px).all(axis=2))
+        paths = [value.px[is_seen[:, k], k] for k in range(len(value.ids))]
+        return value.px[-1, is_seen[-1]], value.radius_px[-1, is_seen[-1]] * RING_SCALE, paths
     newest = value.frame == value.frame[-1]
     radius = value.radius if isinstance(value, Detections) else np.full(len(value.frame), CANDIDATE_PX)
     return value.centre[newest], radius[newest] * RING_SCALE, []

@@ -88,7 +88,7 @@ class Editor:
     def choose(self, name: str, value: str) -> None:
         """Choose from a list: one click opens it, another one selects."""
         self.count += 2
-        Select(self.browser.find_element(By.ID, name)).select_by_value(value)
+        Select(self.browser.find_element(By.ID, name)).select_by_visible_text(value)
 
     def _offset(self, px: FloatArray) -> FloatArray:
         width, height = self.browser.execute_script(
