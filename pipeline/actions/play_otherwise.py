@@ -17,6 +17,7 @@ from models.core.fit_result import Fit, ShotNumbers, WholeShotFit
 from models.core.shot import Shot
 from models.core.typing import FloatArray
 from models.estimation.changed_shot import (
+    GAMES,
     ChangedShot,
     Game,
     PlayerSpread,
@@ -68,6 +69,10 @@ class StrokePlan:
     ball: str = ""
     pocket: str = ""
     """The only ball and the only pocket that count, by id or name; empty: any."""
+
+    def __post_init__(self) -> None:
+        if self.game not in (None, *GAMES):
+            raise OptionError(f"--game is one of {', '.join(GAMES)}; got {self.game}")
 
 
 def estimate_session_spread(sources: Sequence[Path]) -> PlayerSpread:

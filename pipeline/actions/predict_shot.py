@@ -57,19 +57,15 @@ class PredictedShot:
     """All observations, also later ones."""
     motion: Trajectory
     """The fitted motion until the moment of the prediction."""
-    scene: Scene
+    naming: Naming
+    calibration_sigma: float
+    """m, of every place, where a camera filmed the shot."""
     assumed: tuple[str, ...]
     """What was assumed of the scene."""
 
-    @property
-    def naming(self) -> Naming:
-        """What balls, rails and pockets are called."""
-        return build_naming(self.scene.table, self.scene.camera, self.tracks.ids, self.tracks.looks)
-
     def draw_fans(self) -> list[PredictionFan]:
         """Return the fan of every ball, over the fitted motion until the moment of the prediction."""
-        prediction, tracks = self.prediction, self.tracks
-        state = prediction.state
+        prediction, tracks, state = self.prediction, self.tracks, self.prediction.state
         past = self.motion.at(self.motion.sample_times(PATH_HZ)).xy
         is_later = (tracks.t > state.t + 1e-9) & (tracks.t <= prediction.t[-1])
         return [
@@ -137,15 +133,15 @@ def forecast_from(
 
     state = estimate_state(tracks, scene, t, learned, explain_past)
     prediction = forecast_shot(state, times, seed, draws)
-    assumed = () if has_shot(source) else scene.notes
-    return PredictedShot(prediction, number, tracks, view_shot(shots[0]).trajectory, scene, assumed)
+    motion, naming = view_shot(shots[0]).trajectory, build_naming(scene.table, scene.camera, tracks.ids, tracks.looks)
+    calibration, assumed = 0.0 if scene.camera is None else NOSE_SIGMA, () if has_shot(source) else scene.notes
+    return PredictedShot(prediction, number, tracks, motion, naming, calibration, assumed)
 
 
 def state_prediction(predicted: PredictedShot) -> Answer:
     """State a prediction in words and numbers, with the difference from what was seen later."""
-    prediction, tracks, naming = predicted.prediction, predicted.tracks, predicted.naming
-    state = prediction.state
-    later = check_prediction(prediction, tracks)
+    prediction, naming, state = predicted.prediction, predicted.naming, predicted.prediction.state
+    later = check_prediction(prediction, predicted.tracks)
     document = summarize_prediction(prediction, predicted.number, later if len(later.t) else None, naming)
     compared = [
         (naming.name_ball(row["id"]), format_moment(row["t"]),
@@ -153,14 +149,13 @@ def state_prediction(predicted: PredictedShot) -> Answer:
          "-" if row["within_90"] is None else f"{100 * row['within_90']:.0f} %")
         for row in document["compared"] or ()
     ]  # fmt: skip
-    calibration = NOSE_SIGMA if predicted.scene.camera is not None else 0.0
     why = state.trust.reasons[0] if state.trust.level == "red" else ""
     return Answer(
         f"Where do the balls go from {format_moment(state.t)} to {format_moment(prediction.t[-1])}?",
         tuple(ball["sentence"] for ball in document["balls"]),
         quantities=tuple(
-            Quantity(axis, ball["end"][axis], float(np.hypot(ball["end"]["sigma"], calibration)), "m", ball["id"],
-                     naming.name_ball(ball["id"]))
+            Quantity(axis, ball["end"][axis], float(np.hypot(ball["end"]["sigma"], predicted.calibration_sigma)), "m",
+                     ball["id"], naming.name_ball(ball["id"]))
             for ball in document["balls"] if ball["end"]
             for axis in "xy"
         ),

@@ -7,7 +7,7 @@ import json
 import socket
 import threading
 import webbrowser
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncGenerator, Callable
 from contextlib import suppress
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -383,28 +383,35 @@ class LibraryHandlers:
 
     async def send_events(self, request: Request) -> Response:
         """Send changes as they happen, until the page is closed."""
-        return StreamingResponse(self._stream_events(), media_type="text/event-stream")
+        return StreamingResponse(self.stream_events(), media_type="text/event-stream")
 
-    async def _stream_events(self) -> AsyncIterator[str]:
+    async def stream_events(self) -> AsyncGenerator[str, None]:
         """Yield a message per change."""
         loop, waiting = asyncio.get_running_loop(), asyncio.Queue[dict[str, Any]](MAX_WAITING)
 
         def put(message: dict[str, Any]) -> None:
-            if not waiting.full():
-                waiting.put_nowait(message)
+            if waiting.full():  # this page asks for everything again
+                while not waiting.empty():
+                    waiting.get_nowait()
+                message = {"type": "library", "revision": self._library.revision}
+            waiting.put_nowait(message)
 
         def listen(message: dict[str, Any]) -> None:
-            loop.call_soon_threadsafe(put, message)
+            with suppress(RuntimeError):  # the server has just ended
+                loop.call_soon_threadsafe(put, message)
 
         self._library.listeners.append(listen)
         try:
             yield "retry: 1000\n\n"
+            next_look = loop.time() + WATCH_S
             while not self._is_stopping():
                 try:
-                    message = await asyncio.wait_for(waiting.get(), WATCH_S)
+                    message = await asyncio.wait_for(waiting.get(), max(next_look - loop.time(), 0.001))
                     yield f"data: {json.dumps(message)}\n\n"
                 except TimeoutError:
-                    await run_in_threadpool(self._library.announce_changes)
                     yield ":\n\n"  # a comment: the page has gone if it cannot be sent
+                if loop.time() >= next_look:
+                    await run_in_threadpool(self._library.announce_changes)
+                    next_look = loop.time() + WATCH_S
         finally:
             self._library.listeners.remove(listen)

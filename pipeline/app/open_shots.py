@@ -47,6 +47,8 @@ DRAWS = 100
 SEED = 0
 # Strokes whose plays are kept per shot.
 KEPT_STROKES = 2
+# Contact models of one shot are searched at a time: that takes a core for up to a minute.
+_LAWS_TURN = threading.Lock()
 
 
 class SilentWatcher:
@@ -69,6 +71,7 @@ class OpenShot:
         self.saved: Shot | Rally = read_saved(folder)
         self._cache = cache
         self._lock, self._clip_lock = threading.RLock(), threading.Lock()
+        self._is_warm = False
         self._record: ShotRecord | None = None
         self._struck: OrderedDict[int, StruckShot] = OrderedDict()
         self._laws: WholeShotFit | None = None
@@ -114,8 +117,10 @@ class OpenShot:
         return bool(path) and Path(path).exists()
 
     def warm_up(self) -> None:
-        """Prepare in the background for what a page may ask next."""
-        if isinstance(self.saved, Shot):
+        """Prepare in the background for what a page may ask next; only the first call acts."""
+        with self._lock:
+            is_first, self._is_warm = not self._is_warm, True
+        if is_first and isinstance(self.saved, Shot):
             threading.Thread(target=self._prepare, daemon=True).start()
 
     def _prepare(self) -> None:
@@ -165,7 +170,7 @@ class OpenShot:
 
     def _fit_laws(self) -> None:
         """Find contact models of the whole shot; without them, side spin stays unknown."""
-        with suppress(TruerollError, OSError, ValueError):
+        with _LAWS_TURN, suppress(TruerollError, OSError, ValueError):
             load_laws(self.folder, self.shot, self._cache)
 
     @property

@@ -57,7 +57,8 @@ LONGEST_WORD = 64
 SHARE_FOLDER, SHARED_NAME = "share", re.compile(r"[A-Za-z0-9][A-Za-z0-9_.=-]{0,120}\.(png|mp4)")
 # Files of a run that are shared with every answer.
 SHARED_RUN_FILES = ("slow.mp4", "poster.png", "report.html")
-PREDICTED_S = 3.0
+# s that are predicted by default, and at most.
+PREDICTED_S, LONGEST_PREDICTION_S = 3.0, 60.0
 # Changes of a stroke by their names in a request, with their names in `trueroll what-if` and their units there.
 STROKE_CHANGES = {"speed_percent": ("speed", "%"), "angle_deg": ("angle", "deg"), "side_percent": ("side", "%"),
                   "top_percent": ("top", "%")}  # fmt: skip
@@ -186,7 +187,10 @@ class ShotHandlers:
     async def predict(self, request: Request) -> Response:
         """Predict the rest of a shot as `trueroll predict` does."""
         body = await read_json_body(request)
-        at, seconds = _read_number(body, "at"), _read_number(body, "seconds") or PREDICTED_S
+        at, seconds = _read_number(body, "at"), _read_number(body, "seconds")
+        seconds = PREDICTED_S if seconds is None else seconds
+        if not 0 < seconds <= LONGEST_PREDICTION_S:
+            raise Refusal(422, f"seconds is above 0 and at most {LONGEST_PREDICTION_S:g}.")
         return _send(await self._compute(self._predict, request.path_params["id"], at, seconds))
 
     def _predict(self, shot: str, at: float | None, seconds: float) -> dict[str, Any]:
@@ -267,9 +271,7 @@ class ShotHandlers:
         opened = self._desk.open(shot)
         files = []
         if question is not None:
-            folder = opened.folder / SHARE_FOLDER
-            folder.mkdir(exist_ok=True)
-            pictures = _write_pictures(opened, question, folder)
+            pictures = _write_pictures(opened, question, opened.folder / SHARE_FOLDER)
             if not isinstance(opened.saved, Rally):
                 clip = pictures[0].with_suffix(".mp4")
                 words = _complete_words(opened, question)

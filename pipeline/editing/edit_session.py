@@ -12,7 +12,7 @@ from models.core.naming import Naming
 from models.core.progress import Progress
 from models.estimation.hand_marks.resolved_marks import update_ball_names
 from pipeline.chain import find_report_tables, hash_tables, run_clip, run_tables
-from pipeline.editing.edited_clip import EditedClip, FrameImages
+from pipeline.editing.edited_clip import EditedClip
 from pipeline.editing.run_view import ClipRun, describe_run
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.corrections_file import CorrectionsFile, describe_corrections, read_corrections, write_corrections
@@ -89,7 +89,6 @@ class EditSession:
             self._wanted = ""
             self._show((shown, describe_run(shown, None, self._file.corrections)), self._file.revision)
         self._is_closed = False
-        self._frames: FrameImages | None = None
         self._worker = threading.Thread(target=self._work, daemon=True)
         self._worker.start()
 
@@ -123,12 +122,6 @@ class EditSession:
                 "notice": self._notice,
                 "run": self._view,
             }
-
-    def read_frame(self, frame: int) -> bytes | None:
-        """Read a frame of the recording as JPEG; None if there is none."""
-        with self._lock:
-            frames = self._frames
-        return None if frames is None else frames.read(frame)
 
     def change(self, corrections: Corrections, revision: int) -> None:
         """Replace the corrections, write them and run the clip again.
@@ -248,14 +241,10 @@ class EditSession:
         path, folder, shot = self.edited.path, self.edited.folder, self._read_shot(watcher)
         tables = hash_tables(folder)
         publishes = not tables or revision != self._first_revision
-        ran = run_tables(path, folder, options, self._cache, watcher, shot, publishes)
-        clip, run = ran[0], ClipRun(float(ran[0].fps), *ran[1:])
+        clip, scene, tracks, fit, digest = run_tables(path, folder, options, self._cache, watcher, shot, publishes)
+        run = ClipRun(float(clip.fps), scene, tracks, fit, digest)
         differs = not publishes and run.tables != tables
         self._notice = format_recomputed(str(folder), watcher.ran) if differs else ""
-        if self._frames is None:
-            frames = FrameImages(clip)
-            with self._lock:
-                self._frames = frames
         return run
 
     def _assess_outputs(self, run: ClipRun) -> str:

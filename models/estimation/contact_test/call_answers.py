@@ -150,19 +150,17 @@ def answer_rail(record: ShotRecord, a: str, rail: str) -> CallAnswer:
     gaps = (size - along if end else along) - record.table.ball_radius
     if not np.isfinite(gaps).any():
         raise ValueError(f"{a} has too few detections for an answer")
-    reach = NEAR_RADII * record.table.ball_radius
     unclear = [float(np.interp(t, record.moments, gaps)) for t in list_unclear_times(record, one)]
-    kind: PairClass = "clear"
-    if unclear:
-        kind = "unclear_near" if any(not gap > reach for gap in unclear) else "unclear_far"
+    is_near = any(not gap > NEAR_RADII * record.table.ball_radius for gap in unclear)
+    kind: PairClass = "unclear_near" if is_near else "unclear_far" if unclear else "clear"
     unlisted = probability_of_unlisted_event(record, a, kind=kind)
     hits = [hit for hit in find_cushion_candidates(record, one) if hit.other == rail]
     probability = 1 - math.prod(1 - hit.probability for hit in hits)
-    path = tuple(hit for hit in hits if hit.probability > 0.5)
     if probability < unlisted:
         k = int(np.nanargmin(gaps))
-        sigma, t = record.place_sigma(one, k), float(record.moments[k])
-        probability, hits = unlisted, [CandidateContact(one, rail, t, math.nan, unlisted, float(gaps[k]), sigma)]
+        nearest = float(record.moments[k]), math.nan, unlisted, float(gaps[k]), record.place_sigma(one, k)
+        probability, hits = unlisted, [CandidateContact(one, rail, *nearest)]
+    path = tuple(hit for hit in hits if hit.probability > 0.5)
     return build_answer(record, CallAnswer("rail", (a, rail), probability, balls=(a,), path=path), select_touch(hits))
 
 

@@ -9,8 +9,7 @@ from typing import Annotated
 import typer
 
 from models.core.answer import Answer
-from models.core.errors import OptionError
-from models.estimation.changed_shot import GAMES, Game
+from models.estimation.changed_shot import Game
 from pipeline.actions.play_otherwise import StrokePlan, play_otherwise
 from pipeline.actions.stroke_options import choose_spread, parse_change
 from pipeline.engine.atomic_write import parse_output_path
@@ -58,8 +57,6 @@ def what_if(
         seed: Random seed of the plays.
     """
     change = parse_change(speed, angle, side, top)
-    if game not in (None, *GAMES):
-        raise OptionError(f"--game is one of {', '.join(GAMES)}; got {game}")
     place = Path(source)
     folder = parse_output_path(out) if out is not None else place if place.is_dir() else place.parent
     plan = StrokePlan(change, *choose_spread(spread, session), game, ball, pocket)

@@ -203,7 +203,8 @@ def test_a_stroke_that_is_not_changed_follows_the_film_and_one_that_is_turned_do
         ({"speed_percent": -100}, "--speed is a change of -99% to +200%"), ({"speed_percent": "fast"}, "is a number."),
         ({"stroke": 7}, "shot 6 is not among them"), ({"stroke": 1.5}, "stroke is the number of a stroke"),
         ({"game": "pot"}, "--game pot needs a table with pockets"), ({"spread": "wide"}, "--spread is a share"),
-        ({"top_percent": True}, "top_percent is a number."),
+        ({"top_percent": True}, "top_percent is a number."), ({"game": "darts"}, "--game is one of pot, carom"),
+        ({"angle_deg": float("nan")}, "angle_deg is a number."),
     ],
 )  # fmt: skip
 def test_a_change_that_cannot_be_played_gets_one_sentence(body: object, sentence: str, page: ShotPage) -> None:
@@ -232,8 +233,9 @@ def test_a_prediction_is_that_of_the_command(page: ShotPage, tmp_path: Path) -> 
     for one in answer["spread"]:
         assert [one["x"], one["y"]] == pytest.approx([ends[one["id"]]["x"], ends[one["id"]]["y"]])
     assert answer["paths"][0]["t"][-1] == pytest.approx(answer["at"] + 3.0, abs=1e-3)
-    reply = page.ask("POST", "/predict", {"at": 99.0})
-    assert (reply.status, reply.sentence.startswith("--at lies within what was seen")) == (422, True)
+    for body, sentence in (({"at": 99.0}, "--at lies within what was seen"), ({"seconds": 1e6}, "seconds is above 0")):
+        reply = page.ask("POST", "/predict", body)
+        assert (reply.status, reply.sentence.startswith(sentence)) == (422, True)
 
 
 def test_what_is_shared_lies_in_the_run_folder(page: ShotPage, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -250,8 +252,10 @@ def test_what_is_shared_lies_in_the_run_folder(page: ShotPage, monkeypatch: pyte
         assert (reply.status, len(reply.body)) == (200, one["bytes"])
     for name in ("..%2f..%2fscene.json", "scene.json", "call.txt", ".hidden.png"):
         assert page.ask("GET", f"/shared/{name}").status == 404
-    assert [one["name"] for one in page.post("/share")["files"]] == ["slow.mp4", "poster.png", "report.html"]
     shutil.rmtree(page.folder / "share")
+    assert [one["name"] for one in page.post("/share")["files"]] == ["slow.mp4", "poster.png", "report.html"]
+    assert page.ask("POST", "/share", {"question": "touch", "a": "white", "b": "blue"}).status == 422
+    assert not (page.folder / "share").exists()
 
 
 def save_still(folder: Path) -> Shot:
