@@ -71,6 +71,8 @@ def test_friction_that_a_function_lacks_is_named(
     assert gap["gap"]["metric"] == "rms_rad"
     assert gap["where"][0]["joint"] in (None, "q")
     assert (tmp_path / "gap" / "gap.html").stat().st_size > 1000
+    assert "trueroll view gap" in done.out
+    assert (tmp_path / "gap" / "recording.rrd").stat().st_size > 1000
 
 
 def test_a_wrong_coefficient_of_a_file_is_reported_and_is_no_missing_effect(tmp_path: Path):

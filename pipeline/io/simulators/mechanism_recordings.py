@@ -272,9 +272,9 @@ def _find_joint_columns(
     named = [(joint, joint.name.lower()) for joint in simulator.joints if joint.name.lower() in table.columns]
     if named:
         return tuple(joint for joint, _ in named), [column for _, column in named], []
-    found = {_shorten(name, _JOINT_WORDS): name for name in reversed(table.columns) if name not in _OTHER_COLUMNS}
+    shorts = {_shorten(name, _JOINT_WORDS): name for name in reversed(table.columns) if name not in _OTHER_COLUMNS}
     keys = [(one, _shorten(one.name, _JOINT_WORDS)) for one in simulator.joints]
-    close = [(one, found[key]) for one, key in keys if key and key in found]
+    close = [(one, shorts[key]) for one, key in keys if key and key in shorts]
     how = "by their names"
     if not close or len({column for _, column in close}) < len(close):
         columns = [name for name in table.columns if _NUMBERED_JOINT.fullmatch(name)]

@@ -130,16 +130,16 @@ class MujocoSimulator:
     def list_shapes(self) -> tuple[Shape, ...]:
         """List the shapes of all bodies to draw: simple ones, or the boxes around meshes of a body with no other."""
         kinds = {int(getattr(self._mujoco.mjtGeom, f"mjGEOM_{name.upper()}")): name for name in (*SHAPE_KINDS, "mesh")}
-        found, model = list[Shape](), self.model
+        shapes, model = list[Shape](), self.model
         for k, kind in enumerate(model.geom_type.tolist()):
             if kind in kinds:
                 name, body = kinds[kind], int(model.geom_bodyid[k])
                 centre, half = np.split(model.geom_aabb[k], 2)
                 size, middle = (half, centre) if name == "mesh" else (model.geom_size[k], np.zeros(3))
                 fixed = int(model.body_weldid[body]) == 0
-                found.append(Shape(self._name("body", body), name, size, middle, k, fixed))
-        simple = {model.geom_bodyid[one.geom] for one in found if one.kind != "mesh"}
-        return tuple(one for one in found if one.kind != "mesh" or model.geom_bodyid[one.geom] not in simple)
+                shapes.append(Shape(self._name("body", body), name, size, middle, k, fixed))
+        simple = {model.geom_bodyid[one.geom] for one in shapes if one.kind != "mesh"}
+        return tuple(one for one in shapes if one.kind != "mesh" or model.geom_bodyid[one.geom] not in simple)
 
     def place_shapes(self, shapes: Sequence[Shape], poses: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return places (K, S, 3) m and rotation matrices (K, S, 3, 3) of S shapes in poses (K, N) of all joints."""

@@ -50,24 +50,24 @@ def build_place_figures(gap: Gap, shots: MechanismShots, lines: Sequence[Predict
     Returns:
         Titles and figures; of several joints, the second figure is of the one with the largest error.
     """
-    found = _gather_predictions(gap, shots, lines)
+    predictions = _gather_predictions(gap, shots, lines)
     names = gap.windows[0].segment.bodies
-    worst = int(np.argmax(np.bincount(found.joint, found.squares[lines[0][0]], len(names))))
-    own = found.joint == worst
+    worst = int(np.argmax(np.bincount(predictions.joint, predictions.squares[lines[0][0]], len(names))))
+    own = predictions.joint == worst
     units = {"speed": f"{gap.unit}/s", "position": gap.unit, "time in the run": "s"}
-    panels = ["phase", *(name for name, values in found.quantities.items() if np.isfinite(values[own]).any())]
+    panels = ["phase", *(name for name, values in predictions.quantities.items() if np.isfinite(values[own]).any())]
     titles = [f"{name} ({units[name]})" if name in units else name for name in panels]
     rows = -(-len(panels) // _COLUMNS)
     several = go.Figure()
     figure = make_subplots(rows, _COLUMNS, subplot_titles=titles, vertical_spacing=0.25)
     for label, _, look in lines:
-        squares = found.squares[label]
-        several.add_trace(_draw_bars(names, found.joint, squares, look).update(name=label))
+        squares = predictions.squares[label]
+        several.add_trace(_draw_bars(names, predictions.joint, squares, look).update(name=label))
         for k, panel in enumerate(panels):
             if panel == "phase":
-                drawn = _draw_bars(_PHASES, found.is_reversal[own], squares[own], look)
+                drawn = _draw_bars(_PHASES, predictions.is_reversal[own], squares[own], look)
             else:
-                x, y = _bin(found.quantities[panel][own], squares[own])
+                x, y = _bin(predictions.quantities[panel][own], squares[own])
                 drawn = go.Scatter(x=x, y=y, mode="lines+markers", line=look)
             drawn.update(name=label, legendgroup=label, showlegend=k == 0)
             figure.add_trace(drawn, k // _COLUMNS + 1, k % _COLUMNS + 1)
@@ -116,11 +116,11 @@ def _find_inputs(shots: MechanismShots, shot: int, t: FloatArray, joints: list[i
     """Find the input (T, B) that drives each joint at times (T,) s; NaN where none does, or has no power."""
     history, drives = shots.histories[shot], [one.joint for one in shots.simulator.drives]
     rows = np.clip(np.searchsorted(history.t, t, "right") - 1, 0, len(history.t) - 1)
-    found = np.full((len(t), len(joints)), np.nan)
+    values = np.full((len(t), len(joints)), np.nan)
     for body, joint in enumerate(joints):
         if joint in drives:
-            found[:, body] = history.values[rows, drives.index(joint)]
-    return found
+            values[:, body] = history.values[rows, drives.index(joint)]
+    return values
 
 
 def _rms(squares: FloatArray) -> float:
@@ -129,7 +129,7 @@ def _rms(squares: FloatArray) -> float:
 
 def _bin(values: FloatArray, squares: FloatArray) -> tuple[list[float], list[float]]:
     """Return the means of a quantity and the rms errors of bins of equal numbers."""
-    known = np.flatnonzero(np.isfinite(values))
-    order = known[np.argsort(values[known], kind="stable")]
+    rows = np.flatnonzero(np.isfinite(values))
+    order = rows[np.argsort(values[rows], kind="stable")]
     parts = np.array_split(order, min(_BINS, max(len(order) // _MIN_IN_BIN, 1)))
     return [float(values[part].mean()) for part in parts], [_rms(squares[part]) for part in parts]
