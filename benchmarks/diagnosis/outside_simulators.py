@@ -1,12 +1,14 @@
 """Is the effect named that a MuJoCo file lacks, and what is said where nothing is missing?
 
     python -m benchmarks.diagnosis.outside_simulators [-o DIR] [--seeds 1] [--first 0] [--worlds arm] [--effects delay]
+        [--noise white] [--runs 8] [--length 3]
 
 Worlds are pendulums of one and two links, a cart with a pole, an arm of two driven joints, and a thrown ball. The
-truth is MuJoCo with one or two effects, played at 100 Hz with noise of 1 mrad or 1 mm; the simulator is the same file
-without them. Eight runs of three seconds each. Effects that MuJoCo does not have (delay, lag, drag) act step by step
-outside of it. Prints verdict and gap of every case, and the counts. A run with the same DIR continues. Takes about a
-minute per case on two idle cores.
+truth is MuJoCo with one or two effects, or with a force of a form that no effect has, played at 100 Hz with noise of
+1 mrad or 1 mm; the simulator is the same file without them. Eight runs of three seconds each. Effects that MuJoCo does
+not have (delay, lag, drag, foreign forces) act step by step outside of it. Noise is white, correlated (0.8 from sample
+to sample) or quantised (steps of 2 mrad or mm). Prints the answer to every case and the counts with Wilson's intervals.
+A run with the same DIR continues. One process; a case takes 5 to 60 CPU seconds.
 """
 
 from __future__ import annotations
@@ -14,21 +16,25 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
+from scipy.signal import lfilter
 
 from benchmarks.support.row_files import append_row, read_rows
 from benchmarks.support.run_folder import ROOT
+from diagnosis.unexplained.force_law import ForceLaw
 from models.core.typing import FloatArray
-from pipeline.engine.helper_executor import open_executor
+from pipeline.experiments.gapcheck.blind_case import Proportion
 from pipeline.simulator_diagnosis import diagnose_mechanism
 
-RATE, SECONDS, RUNS, STEP, NOISE = 100, 3.0, 8, 0.002, 1e-3
+RATE, STEP, NOISE = 100, 0.002, 1e-3
+NOISE_KINDS = ("white", "correlated", "quantised")
 HINGE = '<joint name="{}" type="hinge" axis="0 1 0"{}/>'
 LINK = '<geom type="capsule" fromto="0 0 0 0 0 -{0}" size="0.02" mass="{1}" contype="0" conaffinity="0"/>'
 DRIVEN = '<actuator><motor name="motor_1" joint="shoulder"/><motor name="motor_2" joint="elbow"/></actuator>'
@@ -46,6 +52,8 @@ class World:
     """Whether a body flies freely."""
     effects: tuple[str, ...] = ()
     """Effects that are withheld in it; all where there are none."""
+    unmeasured: int = 0
+    """Number of last joints that have no sensor."""
 
     def write(self, joint: str = "") -> str:
         """Write the file, with attributes for every joint."""
@@ -61,6 +69,7 @@ def hang(name: str, length: float, mass: float, below: str = "", place: str = "0
     return f'<body pos="{place}">{HINGE.format(name, "@")}{LINK.format(length, mass)}{below}</body>'
 
 
+FOREIGN = ("foreign_angle", "foreign_time", "foreign_speed")
 LOWER = hang("elbow", 0.25, 0.3, place="0 0 -0.3")
 WORLDS = {
     "pendulum": World(hang("hinge", 0.4, 0.5), "", 1.2, ()),
@@ -70,6 +79,14 @@ WORLDS = {
         '<body><joint name="cart" type="slide" axis="1 0 0"@/><geom type="box" size="0.1 0.05 0.05" mass="1"'
         f' contype="0" conaffinity="0"/>{hang("pole", 0.4, 0.2)}</body>',
         '<actuator><motor name="motor_1" joint="cart"/></actuator>', 0.5, (2.0,),
+    ),
+    "arm without elbow sensor": World(
+        hang("shoulder", 0.3, 0.5, LOWER), DRIVEN, 0.5, (0.3, 0.1), False,
+        ("none", "joint_friction", "delay", "actuator_gain"), 1,
+    ),
+    "slider": World(
+        '<body><joint name="slider" type="slide" axis="1 0 0" stiffness="8"@/><geom type="box" size="0.1 0.05 0.05"'
+        ' mass="0.3" contype="0" conaffinity="0"/></body>', "", 0.5, (), False, ("none", *FOREIGN),
     ),
     "thrown ball": World(
         '<body name="ball"><freejoint/><geom type="sphere" size="0.05" mass="0.1"/></body>', "", 0.0, (), True,
@@ -95,6 +112,11 @@ class Withheld:
     offset: float = 0.0
     scale: float = 1.0
     needs_input: bool = False
+    foreign: Callable[[float, float, float], float] | None = None
+    """Force on the first joint, N m or N, of a form that no effect has: by time (s), position in spreads of the starts,
+    and velocity in five of these per second."""
+    variable: str = ""
+    """What the foreign force varies with."""
 
 
 Draw = Callable[[np.random.Generator], Withheld]
@@ -117,7 +139,33 @@ EFFECTS: dict[str, Draw] = {
     "delay+joint_friction": lambda rng: replace(
         EFFECTS["joint_friction"](rng), delay=int(rng.integers(8, 20)), needs_input=True
     ),
+    "armature+joint_friction": lambda rng: Withheld(
+        EFFECTS["joint_friction"](rng).joint + f' armature="{rng.uniform(0.003, 0.01):.5f}"'
+    ),
+    "joint_friction+spring": lambda rng: Withheld(
+        EFFECTS["joint_friction"](rng).joint + f' stiffness="{rng.uniform(0.1, 0.4):.3f}"'
+    ),
+    "actuator_gain+joint_friction": lambda rng: replace(
+        EFFECTS["joint_friction"](rng), gain=1 - rng.uniform(0.1, 0.3), needs_input=True
+    ),
+    "foreign_angle": lambda rng: draw_foreign(rng, "position"),
+    "foreign_time": lambda rng: draw_foreign(rng, "time"),
+    "foreign_speed": lambda rng: draw_foreign(rng, "speed"),
 }
+# Worlds of one joint, which a foreign force accelerates by force over a constant inertia.
+FOREIGN_WORLDS = ("pendulum", "slider")
+
+
+def draw_foreign(rng: np.random.Generator, variable: str) -> Withheld:
+    """Draw a force that varies with position (teeth of a motor), time (a pump nearby) or speed (a belt that drives)."""
+    size, rate, phase = rng.uniform(0.05, 0.15), rng.uniform(4.0, 6.0), rng.uniform(0, 2 * np.pi)
+    start = rng.uniform(0.5, 0.8)
+    laws: dict[str, Callable[[float, float, float], float]] = {
+        "position": lambda t, q, v: size * np.sin(rate * q + phase),
+        "time": lambda t, q, v: size * np.sin(rate * t + phase),
+        "speed": lambda t, q, v: size * v * (1 - (v / start) ** 2) / start,
+    }
+    return Withheld(foreign=laws[variable], variable=variable)
 
 
 @dataclass(frozen=True)
@@ -126,16 +174,32 @@ class OutsideRow:
 
     case: str
     truth: str
+    noise: str
     verdict: str
     named: str
     probability: float
     closed: float
+    law: str
+    """Of a foreign force: what the drawn curve varies with; empty where none is drawn."""
+    curve_error: float
+    """rms of the drawn curve minus the true force, over that of the force, in the range of the data."""
     seconds: float
+    """CPU s of one process."""
 
     @property
     def is_right(self) -> bool:
-        """Whether exactly the withheld effect is named, or nothing where nothing is missing."""
-        return self.verdict == "none" if self.truth == "none" else self.named == self.truth
+        """Whether exactly the withheld effect is named; `unknown` for a foreign force, nothing where none is missing.
+
+        Where nothing is missing, `undecidable` is no false alarm, but no right answer either.
+        """
+        if self.truth == "none" or self.truth in FOREIGN:
+            return self.verdict == ("none" if self.truth == "none" else "unknown")
+        return self.named == self.truth
+
+    @property
+    def is_alarm(self) -> bool:
+        """Whether something is said to be missing."""
+        return self.verdict not in ("none", "undecidable")
 
     @property
     def is_in_group(self) -> bool:
@@ -143,14 +207,31 @@ class OutsideRow:
         return self.is_right or set(self.truth.split("+")) <= set(self.named.split("+"))
 
 
-def play(world: World, hidden: Withheld, rng: np.random.Generator) -> list[str]:
-    """Play the runs of a truth, and return the lines of their table."""
+def add_noise(places: FloatArray, kind: str, rng: np.random.Generator) -> FloatArray:
+    """Add noise of a kind to positions (T, N)."""
+    white = NOISE * rng.standard_normal(places.shape)
+    if kind == "correlated":
+        return places + lfilter([0.6], [1.0, -0.8], white, axis=0)
+    if kind == "quantised":
+        return 2 * NOISE * np.round((places + 0.3 * white) / (2 * NOISE))
+    return places + white
+
+
+def play(
+    world: World, hidden: Withheld, rng: np.random.Generator, noise: str, runs: int, length: float
+) -> tuple[list[str], FloatArray]:
+    """Play the runs of a truth; return the lines of their table, and true accelerations by a foreign force.
+
+    These are rows (M, 4): time, position, velocity and acceleration of the first joint.
+    """
     model = mujoco.MjModel.from_xml_string(world.write(hidden.joint))
     model.opt.gravity[:] += hidden.gravity
     joints = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, k) for k in range(model.njnt)]
-    joints = ["ball.x", "ball.y", "ball.z"] if world.flies else joints
+    joints = ["ball.x", "ball.y", "ball.z"] if world.flies else joints[: model.njnt - world.unmeasured]
     lines = [",".join(["shot", "t", *joints, *(f"motor_{k + 1}" for k in range(model.nu))])]
-    for shot in range(RUNS):
+    inertia = measure_inertia(model)
+    foreign: list[tuple[float, float, float, float]] = []
+    for shot in range(runs):
         data: Any = mujoco.MjData(model)
         if world.flies:
             data.qvel[:3] = rng.uniform((4, -2, 2), (9, 2, 6))
@@ -159,12 +240,13 @@ def play(world: World, hidden: Withheld, rng: np.random.Generator) -> list[str]:
         rates, phases = rng.uniform(2.0, 9.0, model.nu), rng.uniform(0, 2 * np.pi, model.nu)
         waiting = [np.zeros(model.nu)] * hidden.delay
         acting = np.zeros(model.nu)
-        for row in range(round(SECONDS * RATE)):
-            t = row / RATE
-            told: FloatArray = np.array(world.push) * np.sin(rates * t + phases)
-            place = data.qpos[: len(joints)]
-            seen = hidden.scale * place + hidden.offset + NOISE * rng.standard_normal(len(joints))
-            lines.append(",".join(f"{x:.6f}" for x in (shot, t, *seen, *told)))
+        times = np.arange(round(length * RATE)) / RATE
+        given, places = (
+            np.array(world.push) * np.sin(np.outer(times, rates) + phases),
+            np.empty((len(times), len(joints))),
+        )
+        for row, told in enumerate(given):
+            places[row] = data.qpos[: len(joints)]
             for _ in range(round(1 / (RATE * STEP))):
                 waiting.append(told)
                 now = waiting.pop(0)
@@ -172,25 +254,91 @@ def play(world: World, hidden: Withheld, rng: np.random.Generator) -> list[str]:
                 data.ctrl[:] = hidden.gain * acting
                 speed = np.linalg.norm(data.qvel[:3]) if world.flies else np.abs(data.qvel)
                 data.qfrc_applied[:] = -hidden.drag * speed * data.qvel
+                if hidden.foreign is not None:
+                    place, velocity = data.qpos[0] / world.spread, data.qvel[0] / (5 * world.spread)
+                    force = hidden.foreign(data.time, place, velocity)
+                    data.qfrc_applied[0] += force
+                    foreign.append((data.time, data.qpos[0], data.qvel[0], force / inertia))
                 mujoco.mj_step(model, data)
-    return lines
+        seen = add_noise(hidden.scale * places + hidden.offset, noise, rng)
+        lines += [
+            ",".join(f"{x:.6f}" for x in (shot, t, *row, *told))
+            for t, row, told in zip(times, seen, given, strict=True)
+        ]
+    return lines, np.array(foreign)
 
 
-def run_case(world: str, truth: str, seed: int, folder: Path) -> OutsideRow:
+def measure_inertia(model: Any) -> float:
+    """Measure the inertia of the first joint by its acceleration under a unit force."""
+    accelerations = []
+    for force in (0.0, 1.0):
+        data: Any = mujoco.MjData(model)
+        data.qfrc_applied[0] = force
+        mujoco.mj_forward(model, data)
+        accelerations.append(float(data.qacc[0]))
+    return 1 / (accelerations[1] - accelerations[0])
+
+
+def measure_curve_error(law: ForceLaw, true: FloatArray) -> float:
+    """Measure the error of a drawn curve, relative to the true accelerations (M, 4), where both are known.
+
+    The curve is compared at every true sample within its range: the component and the variable are those of the law.
+    """
+    t, q, v, a = true.T
+    values = np.sign(v) * a if law.direction == "along" else a
+    at = {"time": t, "speed": np.abs(v)}.get(law.variable, q)
+    inside = (at >= law.curve[0, 0]) & (at <= law.curve[0, -1])
+    missed = np.interp(at[inside], *law.curve) - values[inside]
+    return float(np.sqrt(np.square(missed).mean() / np.square(values[inside]).mean()))
+
+
+def run_case(world: str, truth: str, noise: str, seed: int, runs: int, length: float, folder: Path) -> OutsideRow:
     """Diagnose one case."""
-    rng = np.random.default_rng([seed, list(WORLDS).index(world), list(EFFECTS).index(truth)])
-    name = f"{world.replace(' ', '_')}-{truth}-{seed}"
+    rng = np.random.default_rng([seed, *f"{world} {truth} {noise}".encode()])
+    name = name_case(world, truth, noise, seed, runs, length)
     real, simulator = folder / f"{name}.csv", folder / f"{world.replace(' ', '_')}.xml"
     simulator.write_text(WORLDS[world].write())
-    real.write_text("\n".join(play(WORLDS[world], EFFECTS[truth](rng), rng)) + "\n")
-    start = time.monotonic()
-    with open_executor() as executor:
-        report, _ = diagnose_mechanism([real], str(simulator), seed, executor=executor)
+    lines, foreign = play(WORLDS[world], EFFECTS[truth](rng), rng, noise, runs, length)
+    real.write_text("\n".join(lines) + "\n")
+    start = time.process_time()
+    report, _ = diagnose_mechanism([real], str(simulator), seed)
+    seconds = time.process_time() - start
     names = report.effects or (report.candidates[0].group if report.verdict == "group" else ())
+    law = report.unexplained.law
     return OutsideRow(
-        name, truth, report.verdict, "+".join(sorted(names)), report.probability, report.gap.closure.closed,
-        time.monotonic() - start,
+        name, truth, noise, report.verdict, "+".join(sorted(names)), report.probability, report.gap.closure.closed,
+        "" if law is None else f"{law.direction} over {law.variable}",
+        float("nan") if law is None or not len(foreign) else measure_curve_error(law, foreign), seconds,
     )  # fmt: skip
+
+
+def name_case(world: str, truth: str, noise: str, seed: int, runs: int, length: float) -> str:
+    """Name a case."""
+    return f"{world.replace(' ', '_')}-{truth}-{noise}-{runs}x{length:g}-{seed}"
+
+
+def summarize(rows: list[OutsideRow]) -> Iterator[str]:
+    """Summarize all cases in a table with Wilson's intervals."""
+    yield "| question | count |"
+    yield "|---|---|"
+    single = [row for row in rows if row.truth != "none" and row.truth not in FOREIGN and "+" not in row.truth]
+    double = [row for row in rows if "+" in row.truth]
+    for words, cases in (("one effect withheld", single), ("two effects withheld", double)):
+        yield f"| {words}: named | {Proportion(sum(row.is_right for row in cases), len(cases))} |"
+        yield f"| or in a group | {Proportion(sum(row.is_in_group for row in cases), len(cases))} |"
+    for noise in NOISE_KINDS:
+        cases = [row for row in rows if row.truth == "none" and row.noise == noise]
+        alarms = Proportion(sum(row.is_alarm for row in cases), len(cases))
+        undecided = sum(row.verdict == "undecidable" for row in cases)
+        yield f"| nothing withheld, {noise} noise: false alarms | {alarms}; undecidable {undecided} |"
+    foreign = [row for row in rows if row.truth in FOREIGN]
+    yield f"| a force of no library form: unknown | {Proportion(sum(row.is_right for row in foreign), len(foreign))} |"
+    near = sum(row.curve_error <= 0.1 for row in foreign)
+    yield f"| its curve within 10 % | {Proportion(near, len(foreign))} |"
+    sure = [row for row in rows if row.probability >= 0.9 and row.verdict != "undecidable"]
+    yield f"| probability of at least 0.9: true | {Proportion(sum(row.is_right for row in sure), len(sure))} |"
+    seconds = [row.seconds for row in rows]
+    yield f"| CPU seconds: median, largest | {np.median(seconds):.0f}, {max(seconds):.0f} |"
 
 
 def main() -> int:
@@ -200,31 +348,35 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--worlds", default=",".join(WORLDS), help="worlds, separated by commas")
     parser.add_argument("--effects", default=",".join(EFFECTS), help="withheld effects, separated by commas")
+    parser.add_argument("--noise", default="white", help=f"kinds of noise, separated by commas: {NOISE_KINDS}")
+    parser.add_argument("--runs", type=int, default=8, help="runs per case")
+    parser.add_argument("--length", type=float, default=3.0, help="s per run")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     table = options.out / "rows.csv"
     rows = {row.case: row for row in read_rows(table, OutsideRow)}
-    rng = np.random.default_rng(0)
-    for seed in range(options.first, options.first + options.seeds):
-        for world in options.worlds.split(","):
-            for truth in options.effects.split(","):
-                name = f"{world.replace(' ', '_')}-{truth}-{seed}"
-                own = WORLDS[world]
-                if name in rows or (EFFECTS[truth](rng).needs_input and not own.push):
-                    continue
-                if own.effects and truth not in own.effects:
-                    continue
-                rows[name] = run_case(world, truth, seed, options.out)
-                append_row(rows[name], table)
-                print(rows[name], file=sys.stderr, flush=True)
-    done = list(rows.values())
-    print("| cases | named | named or in a group | false alarms of cases without | median s |")
-    print("|---|---|---|---|---|")
-    missing, sound = [row for row in done if row.truth != "none"], [row for row in done if row.truth == "none"]
-    counts = [len(done), sum(r.is_right for r in missing), sum(r.is_in_group for r in missing)]
-    alarms = f"{sum(not row.is_right for row in sound)} of {len(sound)}"
-    print("|", " | ".join(map(str, [*counts, alarms, round(float(np.median([r.seconds for r in done])))])), "|")
+    asked = product(
+        range(options.first, options.first + options.seeds), options.worlds.split(","), options.effects.split(","),
+        options.noise.split(","),
+    )  # fmt: skip
+    for seed, world, truth, noise in asked:
+        name = name_case(world, truth, noise, seed, options.runs, options.length)
+        if name in rows or not can_withhold(world, truth):
+            continue
+        rows[name] = run_case(world, truth, noise, seed, options.runs, options.length, options.out)
+        append_row(rows[name], table)
+        print(rows[name], file=sys.stderr, flush=True)
+    print("\n".join(summarize(list(rows.values()))))
     return 0
+
+
+def can_withhold(world: str, truth: str) -> bool:
+    """Return whether a world may lack an effect."""
+    own = WORLDS[world]
+    if own.effects:
+        return truth in own.effects
+    is_driven = bool(own.push) or not EFFECTS[truth](np.random.default_rng(0)).needs_input
+    return is_driven and (truth not in FOREIGN or world in FOREIGN_WORLDS)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,12 @@ from diagnosis.selection.effect_selection import fit_without_effect
 from diagnosis.selection.hypotheses import compute_signatures
 from diagnosis.selection.hypothesis_trials import try_hypothesis
 from diagnosis.selection.study import Study, select_shot_windows
-from diagnosis.unexplained.force_law import ExcessAcceleration, find_force_law, measure_excess_acceleration
+from diagnosis.unexplained.force_law import (
+    ExcessAcceleration,
+    find_force_law,
+    measure_excess_acceleration,
+    measure_resolved_acceleration,
+)
 from diagnosis.unexplained.local_patch import PatchFit, find_local_patch, fit_local_patch
 from diagnosis.verdicts.candidate_probabilities import (
     compute_probabilities,
@@ -392,7 +397,9 @@ def _describe_unexplained(
     law, patch = None, None if patch_fit is None else patch_fit.patch
     reference = study.residuals_after.reference
     if excess is not None:
-        law = find_force_law(excess, reference.coordinates)
+        # where the named effects are no answer, what the simulator lacks is what it lacks without them
+        without = study.base if study.unknown_evidence.is_unknown else study.full
+        law = find_force_law(measure_resolved_acceleration(study.problem, without), reference.coordinates)
         if reference.unit == "m" and not study.problem.places:
             patch = find_local_patch(excess, rng)
     return Unexplained(

@@ -64,3 +64,31 @@ def test_a_few_pieces_have_no_law() -> None:
         one.values[:10], one.sigma[:10], one.shot[:10], one.t[:10], one.position[:10], one.velocity[:10]
     )
     assert find_force_law(few, ("x", "y")) is None
+
+
+def test_a_wave_over_the_angle_is_drawn_right_from_pieces_that_are_half_a_wave_long() -> None:
+    """Means over pieces hide a third of it: the curve has to be that of the law, not that of the means."""
+    rng = np.random.default_rng(3)
+    s = np.linspace(-1, 1, 401)
+    shares = np.square(1 - s**2) / np.square(1 - s**2).sum()  # of each moment in the bend of a parabola
+    moments = (2 * np.arange(9) + 1) / 9 - 1
+    middle, half, count = rng.uniform(-1.2, 1.2, PIECES), 0.45, PIECES
+    values = np.sin(4 * (middle[:, None] + half * s)) @ shares + 0.02 * rng.standard_normal(count)
+    assert np.std(values) < 0.8 * np.std(np.sin(4 * middle))
+    motion = np.zeros((count, 9, 3))
+    motion[:, :, 1], motion[:, :, 2] = middle[:, None] + half * moments, 1.0
+    column = np.ones((count, 1))
+    excess = ExcessAcceleration(
+        values[:, None],
+        np.full(count, 0.02),
+        np.arange(count) % SHOTS,
+        np.zeros(count),
+        middle[:, None],
+        column,
+        motion,
+    )
+    law = find_force_law(excess, ("q",))
+    assert law is not None
+    assert law.variable == "q"
+    at, drawn = law.curve
+    assert np.sqrt(np.mean(np.square(drawn - np.sin(4 * at)))) < 0.1 * np.std(np.sin(4 * at))
