@@ -88,7 +88,7 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
     probabilities = compute_probabilities(study.search, best, study.unknown_evidence)
     decision = decide_verdict(
         evidence, named_effects, probabilities, gap.closure, per_effect,
-        len({*study.usable_shots, *(one.shot for one in recordings)}),
+        len({*study.usable_shots, *(one.shot for one in recordings)}), len(gap.shots),
         patch_fit is not None and not best.names <= set(patch_fit.fitted.names), unexplained.is_clear,
     )  # fmt: skip
     verdict, named, notes = decision.verdict, decision.named, decision.notes

@@ -35,9 +35,19 @@ class Decision:
     reason: str
     """Why nothing is decided, or why effects were withdrawn; empty where neither is so."""
     notes: tuple[str, ...]
+    unknown_probability: float = float("nan")
+    """Of `unknown`, where hold-out shots overrule the fit; NaN where they do not."""
 
     def share_probabilities(self, probabilities: Mapping[str, float]) -> dict[str, float]:
-        """Return the probabilities with those of effects without a measurable share moved to the named ones."""
+        """Return the probabilities that agree with the verdict.
+
+        Those of effects without a measurable share move to the named ones. Where hold-out shots overrule the fit, what
+        they leave to `unknown` is shared as the fit says.
+        """
+        if math.isfinite(self.unknown_probability):
+            rest = (1 - self.unknown_probability) / (1 - probabilities["unknown"])
+            shared = {name: rest * value for name, value in probabilities.items()}
+            return shared | {"unknown": self.unknown_probability}
         moved = sum(probabilities[name] for name in self.unmeasured)
         others = {name: 0.0 if name in self.unmeasured else value for name, value in probabilities.items()}
         return others | {name: others[name] + moved / len(self.named) for name in self.named}
@@ -50,6 +60,7 @@ def decide_verdict(
     closure: GapClosure,
     per_effect: tuple[EffectShare, ...],
     shots: int,
+    holdout_shots: int,
     is_refuted: bool = False,
     is_rest_clear: bool = False,
 ) -> Decision:
@@ -66,6 +77,7 @@ def decide_verdict(
         closure: Closure of the gap of hold-out shots.
         per_effect: Part of each effect in it.
         shots: Number of all shots.
+        holdout_shots: Number of hold-out shots that were predicted.
         is_refuted: Whether a patch refutes the effects.
         is_rest_clear: Whether the error that remains on hold-out shots clearly exceeds the attainable one.
 
@@ -78,17 +90,20 @@ def decide_verdict(
     verdict: Verdict = "none" if not names else ("group" if is_group else "effects")
     if supported.is_unknown or is_refuted:
         verdict = "unknown"
-    reason = ""
+    reason, overruled = "", float("nan")
+    # that most of the gap is left; so few shots allow no certainty, as the next one may differ (rule of succession)
+    left = min(1 - closure.most_probability, (holdout_shots + 1) / (holdout_shots + 2))
     if names and verdict != "unknown" and closure.resolved and closure.interval[0] <= 0:
         low, high = closure.interval
-        verdict = "unknown" if supported.has_systematic_residuals or is_rest_clear else "undecidable"
+        is_more = (supported.has_systematic_residuals or is_rest_clear) and left >= _LEAST_PROBABILITY
+        verdict, overruled = ("unknown", left) if is_more else ("undecidable", overruled)
         reason = (
             f"hold-out shots do not confirm {format_names(names)}: {_format_share(closure.closed)} of the gap closed,"
             f" with a 95 % interval of {_format_share(low)} to {_format_share(high)} that includes nothing"
         )
     elif verdict == "none" and closure.resolved:
         # a fit of other shots can hide what acts between its windows
-        verdict = "unknown" if is_rest_clear else "undecidable"
+        verdict, overruled = ("unknown", left) if is_rest_clear else ("undecidable", overruled)
         reason = (
             "the fit leaves only noise, but hold-out shots are predicted with"
             f" {closure.before / closure.floor:.1f} times the error that noise allows"
@@ -123,7 +138,9 @@ def decide_verdict(
             f"{shots} shots cannot agree better than chance: {ENOUGH_SHOTS} are the fewest that agree by chance in less"
             f" than {_format_share(SMALL_P_VALUE)} of all cases"
         )
-    return Decision(verdict, named, unmeasured, reason, tuple(notes))
+    return Decision(
+        verdict, named, unmeasured, reason, tuple(notes), overruled if verdict == "unknown" else float("nan")
+    )
 
 
 def _explain_missing_gap(verdict: Verdict, named_effects: Iterable[CandidateEffect]) -> str:

@@ -23,10 +23,10 @@ def effect(name: str, p_value: float = 0.01, limit: float = 2.0**-8, group: tupl
 
 def decide(
     *effects: CandidateEffect, evidence: UnknownEvidence = NOISE, closure: GapClosure = CLOSED,
-    shares: tuple[EffectShare, ...] = (), shots: int = 12, is_refuted: bool = False,
+    shares: tuple[EffectShare, ...] = (), shots: int = 12, is_refuted: bool = False, is_clear: bool = False,
 ) -> Decision:  # fmt: skip
     named = {one.effect: one for one in effects}
-    return decide_verdict(evidence, named, PROBABILITIES, closure, shares, shots, is_refuted)
+    return decide_verdict(evidence, named, PROBABILITIES, closure, shares, shots, 3, is_refuted, is_clear)
 
 
 def test_enough_shots_are_the_fewest_that_can_agree_better_than_chance() -> None:
@@ -79,17 +79,33 @@ def test_nothing_is_missing_only_where_hold_out_shots_resolve_no_gap() -> None:
     assert decide(closure=UNKNOWN_CLOSURE).verdict == "none"
     for gap in ("unmeasured", "shown", "absent"):
         for is_clear in (False, True):
-            decided = decide_verdict(replace(NOISE, gap=gap), {}, PROBABILITIES, CLOSED, (), 12, is_rest_clear=is_clear)
+            decided = decide(evidence=replace(NOISE, gap=gap), is_clear=is_clear)
             assert decided.verdict == ("unknown" if is_clear and gap != "absent" else "undecidable")
             assert "7.5 times" in decided.reason
 
 
+@pytest.mark.parametrize(("most", "unknown"), [(0.4, 0.6), (0.01, 0.8)])
+def test_what_hold_out_shots_overrule_is_as_probable_as_they_say_and_three_of_them_allow_no_certainty(
+    most: float, unknown: float
+) -> None:
+    closure = replace(CLOSED, closed=0.1, interval=(-0.2, 0.9), most_probability=most)
+    for effects in ((), (effect("slope"),)):
+        decided = decide(*effects, closure=closure, is_clear=True)
+        assert decided.verdict == "unknown"
+        shared = decided.share_probabilities(PROBABILITIES)
+        assert shared["unknown"] == pytest.approx(unknown)  # at most 4 of 5, as after 3 shots of 3
+        assert sum(shared.values()) == pytest.approx(1.0)
+        assert shared["slope"] / shared["air_drag"] == pytest.approx(2.0)
+
+
 def test_hold_out_shots_withdraw_effects_that_may_close_nothing() -> None:
-    unsure = replace(CLOSED, closed=0.5, interval=(-0.2, 0.9))
+    unsure = replace(CLOSED, closed=0.5, interval=(-0.2, 0.9), most_probability=0.4)
     assert decide(effect("slope"), closure=unsure).verdict == "undecidable"
     assert "-20 % to 90 %" in decide(effect("slope"), closure=unsure).reason
     explained = replace(SYSTEMATIC, explained_share=0.9)
     assert decide(effect("slope"), evidence=explained, closure=unsure).verdict == "unknown"
+    likely = replace(unsure, most_probability=0.7)  # the effect closes most of the gap more probably than not
+    assert decide(effect("slope"), evidence=explained, closure=likely).verdict == "undecidable"
     assert decide(effect("slope"), is_refuted=True).verdict == "unknown"
 
 
