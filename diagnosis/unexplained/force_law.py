@@ -10,7 +10,7 @@ it was not fitted to, so that a flexible curve has no advantage over a short for
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from itertools import pairwise
 
@@ -69,8 +69,10 @@ class ExcessAcceleration:
 
     def select(self, chosen: BoolArray) -> ExcessAcceleration:
         """Return the chosen (M,) pieces."""
-        values = (getattr(self, field.name) for field in fields(self))
-        return ExcessAcceleration(*(None if one is None else one[chosen] for one in values))
+        return replace(
+            self,
+            **{one.name: values[chosen] for one in fields(self) if (values := getattr(self, one.name)) is not None},
+        )
 
     def project(self, directions: FloatArray) -> FloatArray:
         """Return the components (M,) along unit vectors (M, D)."""

@@ -135,7 +135,7 @@ def test_an_effect_that_may_close_nothing_of_the_gap_is_not_named(
     monkeypatch: pytest.MonkeyPatch, floor: float, verdict: str
 ) -> None:
     """What it leaves on hold-out shots, an rms error of 1, is noise or is not."""
-    doubtful = GapClosure(1.5, 1.0, floor, 0.54, (-0.3, 0.84), True)
+    doubtful = GapClosure(1.5, 1.0, floor, 0.54, (-0.3, 0.84), True, 0.4)
     monkeypatch.setattr(diagnosis_report, "estimate_closure", lambda *_, **__: doubtful)
     report = diagnose_pucks(LACKING["slope"])
     assert (report.verdict, report.effects) == (verdict, ())
