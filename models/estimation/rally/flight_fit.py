@@ -1,8 +1,8 @@
 """All flights of a rally fitted together: one law, events that join them, one least-squares problem.
 
 The parameters are those of the law that all flights of the clip share, the parameters of every flight at its start, and
-the times of the events between joined flights. An observation belongs to the flight that covers its time; since the flights meet at an event,
-the cost is continuous where an event passes an observation.
+the times of the events between joined flights. An observation belongs to the flight that covers its time; since the
+flights meet at an event, the cost is continuous where an event passes an observation.
 """
 
 from __future__ import annotations
