@@ -9,8 +9,8 @@ from models.estimation.rally.flight_observations import find_rests
 def test_an_object_rests_before_and_after_it_moves():
     rng = np.random.default_rng(1)
     moving = 100 + 9.0 * np.arange(20)[:, None] * [1, -1]
-    px = np.concatenate([np.tile([100.0, 50], (10, 1)), moving, np.full((8, 2), 300.0)])
-    resting = find_rests(px + 0.7 * rng.standard_normal(px.shape), np.arange(38) / 25)
+    px = np.concatenate([np.tile([100.0, 50], (10, 1)), moving, np.full((10, 2), 300.0)])
+    resting = find_rests(px + 0.7 * rng.standard_normal(px.shape), np.arange(40) / 25)
     assert resting[:9].all()
     assert not resting[12:28].any()
     assert resting[31:].all()
