@@ -58,8 +58,6 @@ class FlightEnds:
 class _Joint:
     """The states of all pairs of flights at a moment, (A * B, ...)."""
 
-    s_a: FloatArray
-    s_b: FloatArray
     p_a: FloatArray
     p_b: FloatArray
     v_a: FloatArray
@@ -175,9 +173,9 @@ def _move_states(before: FlightEnds, after: FlightEnds, t: FloatArray) -> _Joint
         # the acceleration changes over a gap in which the object was hidden
         lost = (0.1 * np.linalg.norm(acceleration, axis=1) * s[:, 0] ** 2) ** 2
         covariance[:, :3, :3] += np.eye(3) * lost[:, None, None]
-        parts.append((s, place, velocity, covariance))
-    (s_a, p_a, v_a, cov_a), (s_b, p_b, v_b, cov_b) = parts
-    return _Joint(s_a, s_b, p_a, p_b, v_a, v_b, cov_a, cov_b)
+        parts.append((place, velocity, covariance))
+    (p_a, v_a, cov_a), (p_b, v_b, cov_b) = parts
+    return _Joint(p_a, p_b, v_a, v_b, cov_a, cov_b)
 
 
 def _state_constraint(

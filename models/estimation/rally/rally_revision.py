@@ -291,16 +291,16 @@ def _merge(fit: RallyFit, k: int, is_later_longer: bool, sport: Sport) -> tuple[
 def _flip(
     observed: FlightObservations, fit: RallyFit, k: int, deviation: FloatArray, sport: Sport
 ) -> list[tuple[RallyStructure, FloatArray]]:
-    """Take a bounce for a hit, or a hit that is seen where a bounce might be for a bounce."""
+    """Take a bounce or a touch of the net for a hit, or a hit that is seen where a bounce might be for a bounce."""
     structure, at = fit.structure, flight_slice(k).start
     kinds = list(structure.kinds)
-    if kinds[k] in ("bounce", "landing"):
+    if kinds[k] in ("bounce", "landing", "net"):
         kinds[k] = "hit"
         return [(replace(structure, kinds=tuple(kinds)), fit.values.copy())]
     start = float(fit.values[start_row(k, len(structure))])
     row = min(int(np.searchsorted(observed.t, start)), len(observed) - 1)
     pin = pin_to_surface(observed.matrix[row], fit.values[at : at + 3], start, sport)
-    if kinds[k] != "hit" or pin is None or not _may_bounce(pin, fit.values[at : at + 3], deviation[at + 2], sport):
+    if pin is None or not _may_bounce(pin, fit.values[at : at + 3], deviation[at + 2], sport):
         return []
     kinds[k] = name_contact(sport)
     heights = structure.heights.copy()
