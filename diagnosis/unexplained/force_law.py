@@ -72,14 +72,7 @@ def measure_excess_acceleration(problem: DiagnosisProblem, fitted: EffectFit) ->
     Returns:
         Accelerations of all pieces; none where every window is too short.
     """
-    if not isinstance(problem.scene, ContactRichScene):
-        # a force that pulls back changes the residuals of a long path; a piece with a start of its own stays near it
-        pieces = tuple(
-            piece
-            for segment, start in zip(fitted.segments, fitted.starts, strict=True)
-            for piece in _cut_pieces(segment, _find_contact_rows(problem, segment, start, fitted))
-        )
-        fitted = fit_start_states(problem, pieces, fitted) if pieces else fitted
+    fitted = fit_pieces(problem, fitted)
     correlated = np.sqrt((1 + problem.correlation) / (1 - problem.correlation))
     rows: list[tuple[FloatArray, float, int, float, FloatArray, FloatArray]] = []
     for segment, start in zip(fitted.segments, fitted.starts, strict=True):
@@ -92,6 +85,28 @@ def measure_excess_acceleration(problem: DiagnosisProblem, fitted: EffectFit) ->
     return ExcessAcceleration(
         np.array(values), np.array(sigma), np.array(shot, np.int64), np.array(t), np.array(position), np.array(velocity)
     )
+
+
+def fit_pieces(problem: DiagnosisProblem, fitted: EffectFit) -> EffectFit:
+    """Fit the start states of short pieces of the windows of a fit, so that every path stays near its observations.
+
+    A force that pulls back changes the residuals of a long path. In a contact-rich scene, hidden spin forbids it.
+
+    Args:
+        problem: Scene and noise.
+        fitted: The fit.
+
+    Returns:
+        The fit on pieces; the same one in a contact-rich scene, or where every window is too short.
+    """
+    if isinstance(problem.scene, ContactRichScene):
+        return fitted
+    pieces = tuple(
+        piece
+        for segment, start in zip(fitted.segments, fitted.starts, strict=True)
+        for piece in _cut_pieces(segment, _find_contact_rows(problem, segment, start, fitted))
+    )
+    return fit_start_states(problem, pieces, fitted) if pieces else fitted
 
 
 def _find_contact_rows(
