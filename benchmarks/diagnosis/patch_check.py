@@ -102,11 +102,11 @@ def score_patch(
     truth = effects["sticky_patch"]
     centre: FloatArray = np.array([truth["x"], truth["y"]])
     if patch is None:
-        return PatchRow(scene, seed, verdict, 0, *centre, *[float("nan")] * 5, bias)
+        return PatchRow(scene, seed, verdict, 0, truth["x"], truth["y"], *[float("nan")] * 5, bias)
     distance = float(np.hypot(*(patch.centre - centre)))
     pull = float((np.abs(patch.centre - centre) / patch.centre_sigma).max())
     return PatchRow(
-        scene, seed, verdict, 1, *centre, distance, pull, patch.radius,
+        scene, seed, verdict, 1, truth["x"], truth["y"], distance, pull, patch.radius,
         measure_overlap(distance, patch.radius, RADIUS), -patch.strength / (truth["mu"] * GRAVITY), bias,
     )  # fmt: skip
 

@@ -24,8 +24,9 @@ from models.core.typing import FloatArray
 _FREE_PHASES = ("free_roll", "slide", "wall_contact")
 # Speed from which a body moves, as a share of the largest: a body at rest shows no friction.
 _MIN_SPEED_SHARE = 0.05
-# Rows at either end that are left out: a contact, or the end of sliding, may come a frame or two off its prediction.
-_MARGIN_ROWS = 2
+# s at the beginning and at the end that are left out: the end of sliding is known to some hundredths of a second, and a
+# contact may come a frame or two off its prediction.
+_MARGINS_S = 0.08, 0.03
 # Rows over which a parabola smooths the observed places: a patch changes a path little within so few.
 _SMOOTHED_ROWS = 9
 # s without an observation over which windows are joined: an acceleration hardly changes meanwhile.
@@ -137,8 +138,10 @@ def _split_at_contacts(body: _BodyRows, least_speed: float) -> Iterator[_BodyRow
     is_far = (np.diff(body.window) > 0) & (np.diff(body.t) > _MAX_JOIN_S)
     ends = np.flatnonzero(~moves[1:] | ~moves[:-1] | meets | is_far) + 1
     for first, end in pairwise([0, *ends.tolist(), len(body.t)]):
-        if end - first >= 2 * _MARGIN_ROWS + _SMOOTHED_ROWS and moves[first]:
-            yield body.select(slice(first + _MARGIN_ROWS, end - _MARGIN_ROWS))
+        inside = np.array([body.t[first] + _MARGINS_S[0], body.t[end - 1] - _MARGINS_S[1]])
+        begin, stop = (first + np.searchsorted(body.t[first:end], inside, side="left")).tolist()
+        if stop - begin >= _SMOOTHED_ROWS and moves[first]:
+            yield body.select(slice(begin, stop))
 
 
 def _continue_path(shot: int, body: _BodyRows) -> FreeStretch:

@@ -188,7 +188,7 @@ class _StretchSystem:
     @property
     def freedom(self) -> int:
         """Degrees of freedom of the residuals."""
-        return 2 * (len(self.t) - 2 * (len(self.first) - 1)) - self.common_basis.shape[2]
+        return int(2 * (len(self.t) - 2 * (len(self.first) - 1)) - self.common_basis.shape[2])
 
     def score(self, discs: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the information (C,) on the strengths of discs (C, 3), and those strengths times it (C,)."""

@@ -13,7 +13,9 @@ from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, build
 from diagnosis.unexplained.free_stretches import FreeStretch, find_free_stretches
 from diagnosis.unexplained.local_patch import LocalPatch, find_local_patch, fit_outside_patch, locate_patch
 from models.core.recording import Recording
+from models.estimation.gap_scenes.billiards_scene import build_billiards_scene
 from models.estimation.gap_scenes.sliding_scene import GRAVITY, build_sliding_scene
+from models.physics.billiards.tables import TABLE_PRESETS
 
 SHOTS, FPS, SECONDS, NOISE = 9, 30, 0.8, 5e-4
 MU, PATCH_MU, WEAK_MU, RADIUS = 0.1, 0.2, 0.02, 0.2
@@ -145,3 +147,18 @@ def test_stretches_hold_the_missing_acceleration_over_all_windows() -> None:
         along = stretch.velocity[0] / np.linalg.norm(stretch.velocity[0])
         curve, covariance = np.polyfit(stretch.t, stretch.residual @ along, 2, cov=True)
         assert 2 * curve[0] == pytest.approx(-MU * GRAVITY, abs=4 * 2 * float(np.sqrt(covariance[0, 0])))
+
+
+def test_a_ball_that_rolls_is_a_stretch_of_free_motion() -> None:
+    mu, speed = 0.012, 0.8
+    t = np.arange(50) / 60
+    places = np.stack([0.6 + speed * t - 0.5 * mu * GRAVITY * t**2, np.full(len(t), 0.5)], axis=1)
+    places += 1e-4 * np.random.default_rng(0).standard_normal(places.shape)
+    shot = Recording(0, np.arange(50), t, ("cue",), places[:, None], np.full((50, 1), 1e-4), PLANE)
+    scene = build_billiards_scene(TABLE_PRESETS["carom-match"], (shot,), simulator_effects=("sliding_friction",))
+    problem = build_diagnosis_problem(scene, 0.0)
+    # two windows, of which the second begins anew from the observations
+    fitted = fit_effects(problem, (shot.select_rows(0, 25), shot.select_rows(25, 50)))
+    (stretch,) = find_free_stretches(problem, fitted)
+    assert stretch.t[-1] - stretch.t[0] > 0.6
+    assert 2 * np.polyfit(stretch.t, stretch.residual[:, 0], 2)[0] == pytest.approx(-mu * GRAVITY, rel=0.05)
