@@ -89,7 +89,8 @@ def locate_patch(stretches: tuple[FreeStretch, ...], rng: np.random.Generator) -
     stretches = tuple(filter(_is_smooth_across, stretches))
     if not stretches:
         return None
-    system = _build_system(stretches)
+    bare, fields = _build_system(stretches)
+    system = bare.add_fields(fields)
     if system.freedom <= _PATCH_NUMBERS:
         return None
     discs = _list_discs(system.position)
@@ -109,7 +110,10 @@ def locate_patch(stretches: tuple[FreeStretch, ...], rng: np.random.Generator) -
     p_value = _patch_p_value(most, inflation, count)
     if p_value > PATCH_SIGNIFICANCE or most < left - NOISE_COST_LIMITS[1] * system.freedom:
         return None
-    values = replace(posterior, inflation=inflation).sample(chains, rng)
+    density = posterior.evaluate(chains)[0]
+    needed = _drop_idle_fields(bare, fields, _to_discs(chains[[np.argmax(density)]]))
+    posterior = replace(posterior, system=needed, inflation=inflation)
+    values = posterior.sample(posterior.improve(chains, rng), rng)
     (x, y, radius, strength), (x_sigma, y_sigma, radius_sigma, strength_sigma) = values.mean(axis=0), values.std(axis=0)
     return LocalPatch(
         np.array([x, y]), np.array([x_sigma, y_sigma]), float(radius), float(radius_sigma), float(strength),
@@ -199,6 +203,15 @@ class _StretchSystem:
         )  # fmt: skip
         return np.maximum(weight, 0.0), pull
 
+    def add_fields(self, fields: FloatArray) -> _StretchSystem:
+        """Add common fields (K, 2, F), without what starts explain, to a system that has none."""
+        flat, residual = fields.reshape(-1, fields.shape[2]), self.residual.ravel()
+        axes, sizes, _ = np.linalg.svd(flat / np.maximum(np.linalg.norm(flat, axis=0), 1e-300), full_matrices=False)
+        axes = axes[:, sizes > 1e-6]
+        common = np.ascontiguousarray(axes.reshape(*self.residual.shape, -1))
+        left = (residual - axes @ (axes.T @ residual)).reshape(self.residual.shape)
+        return replace(self, common_basis=common, residual=left)
+
     def measure_gains(self, discs: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the decrease of chi2 (C,) by discs (C, 3) of the best strength, and its information (C,) or 0."""
         information, pull = self.score(discs)
@@ -206,28 +219,50 @@ class _StretchSystem:
         return np.divide(np.square(pull), information, out=np.zeros(len(discs)), where=information > 0), information
 
 
-def _build_system(stretches: tuple[FreeStretch, ...]) -> _StretchSystem:
-    """Build the system of some stretches."""
+def _build_system(stretches: tuple[FreeStretch, ...]) -> tuple[_StretchSystem, FloatArray]:
+    """Build the system of some stretches without common fields, and these (K, 2, F), without what starts explain."""
     bases = [np.linalg.qr(np.vander(one.t - one.t[0], 2) / one.sigma[:, None])[0] for one in stretches]
     parts = [_remove_start(one, base, one.residual) for one, base in zip(stretches, bases, strict=True)]
     fields = [
         np.stack([_remove_start(one, base, _integrate_twice(one.t, field)) for field in _common_fields(one)], axis=-1)
         for one, base in zip(stretches, bases, strict=True)
     ]
-    residual, common = np.concatenate(parts), np.concatenate(fields)
-    axes, sizes, _ = np.linalg.svd(common.reshape(-1, common.shape[2]), full_matrices=False)
-    axes = axes[:, sizes > 1e-8 * sizes.max()]
-    residual = residual - (axes @ (axes.T @ residual.ravel())).reshape(residual.shape)
-    return _StretchSystem(
+    residual = np.concatenate(parts)
+    system = _StretchSystem(
         np.cumsum([0, *(len(one.t) for one in stretches)]),
         np.concatenate([one.t for one in stretches]),
         np.concatenate([one.position for one in stretches]),
         np.concatenate([one.velocity / np.linalg.norm(one.velocity, axis=1)[:, None] for one in stretches]),
         np.concatenate([1 / one.sigma for one in stretches]),
         np.concatenate(bases),
-        np.ascontiguousarray(axes.reshape(*residual.shape, -1)),
+        np.empty((*residual.shape, 0)),
         residual,
     )
+    return system, np.concatenate(fields)
+
+
+def _drop_idle_fields(system: _StretchSystem, fields: FloatArray, disc: FloatArray) -> _StretchSystem:
+    """Add those common fields (K, 2, F) to a system that are needed beside a disc (1, 3): each costs information on it.
+
+    By the Bayesian information criterion, a field must gain more than it could by chance. The first one, resistance,
+    always stays: the fit estimated it from the same motion.
+    """
+    kept = list(range(fields.shape[2]))
+
+    def measure_misfit(numbers: list[int]) -> float:
+        part = system.add_fields(fields[..., numbers])
+        return part.chi2 - float(part.measure_gains(disc)[0][0])
+
+    misfit = measure_misfit(kept)
+    penalty = max(misfit / system.freedom, 1.0) * float(np.log(system.residual.size))
+    while len(kept) > 1:
+        trials = [(measure_misfit([k for k in kept if k != one]), one) for one in kept[1:]]
+        least, idle = min(trials)
+        if least - misfit > penalty:
+            break
+        kept.remove(idle)
+        misfit = least
+    return system.add_fields(fields[..., kept])
 
 
 def _is_smooth_across(stretch: FreeStretch) -> bool:
