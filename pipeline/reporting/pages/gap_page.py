@@ -434,8 +434,8 @@ def _add_patch(figure: go.Figure, patch: LocalPatch) -> None:
             (left, top), (right, bottom) = patch.centre - patch.radius - off, patch.centre + patch.radius + off
             line = {"color": FRAME, "width": width, "dash": dash}
             figure.add_shape(type="circle", x0=left, y0=top, x1=right, y1=bottom, line=line)
-    bars = {"type": "data", "array": [patch.centre_sigma], "color": FRAME}
+    across, down = ({"type": "data", "array": [sigma], "color": FRAME} for sigma in patch.centre_sigma.tolist())
     figure.add_scatter(
-        x=patch.centre[:1], y=patch.centre[1:], error_x=bars, error_y=bars, mode="markers",
+        x=patch.centre[:1], y=patch.centre[1:], error_x=across, error_y=down, mode="markers",
         marker={"color": FRAME, "size": 5},
     ).update_layout(showlegend=False)  # fmt: skip

@@ -327,7 +327,7 @@ def test_the_first_sentence_states_a_rest_of_many_times_the_noise() -> None:
 
 def test_what_remains_is_stated_with_its_size_its_place_and_its_law() -> None:
     law = ForceLaw("along", "speed", np.ones(3), np.ones(3), np.ones(3), np.ones((2, 3)), "a = -0.3 u^1.50", 0.61)
-    patch = LocalPatch(np.array([1.2, 0.4]), 0.02, 0.15, 0.01, -0.12, 0.02, 0.0025)
+    patch = LocalPatch(np.array([1.2, 0.4]), np.array([0.02, 0.03]), 0.15, 0.01, -0.12, 0.02, 0.0025)
     first, second, third = format_unexplained(named(replace(REST, law=law, patch=patch)))
     assert first.startswith(
         "0.4 % of the gap (in squared errors) remains: the rms error goes from 33.4 mrad to 2.3 mrad"
@@ -343,7 +343,7 @@ def test_what_remains_is_stated_with_its_size_its_place_and_its_law() -> None:
 def test_an_unknown_effect_is_compared_with_the_best_of_the_library() -> None:
     diagnosis = replace(report("unknown"), per_effect=(EffectShare("air_drag", 0.31, (0.2, 0.4), 0.31),))
     assert "the best that it knows, air drag, would close 31 % of it" in format_verdict(diagnosis)
-    patch = LocalPatch(np.array([1.2, 0.4]), 0.02, 0.15, 0.01, -0.12, 0.02, 0.0025)
+    patch = LocalPatch(np.array([1.2, 0.4]), np.array([0.02, 0.03]), 0.15, 0.01, -0.12, 0.02, 0.0025)
     placed = format_verdict(replace(diagnosis, unexplained=replace(REST, patch=patch)))
     assert "does not know: within 150 ± 10 mm of (1.20, 0.40) m, bodies are slowed" in placed
 
