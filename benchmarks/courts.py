@@ -90,6 +90,13 @@ def _quantiles(values: list[float], factor: float, shares: tuple[float, ...] = (
     return " / ".join(f"{factor * q:.1f}" for q in np.quantile(values, shares)) if values else "-"
 
 
+def _reliability(stated: list[float], is_own: list[bool]) -> str:
+    """Return the mean probabilities of candidates in three ranges, and how many of them are the object, %."""
+    level, own = np.array(stated), np.array(is_own)
+    parts = [(level >= low) & (level < high) for low, high in ((0.1, 0.3), (0.3, 0.7), (0.7, 1.01))]
+    return ", ".join(f"{100 * level[p].mean():.0f}: {100 * own[p].mean():.0f}" for p in parts if p.any())
+
+
 def _within(z: list[float]) -> str:
     size = np.abs(z)
     return f"{100 * np.mean(size < 1):.0f} / {100 * np.mean(size < 2):.0f} %" if len(z) else "-"
@@ -99,6 +106,7 @@ ROWS = (
     ("clips / refused", "0", lambda s: f"{s.clips} / {s.refused}"),
     ("object found where visible", ">= 95 %", lambda s: _share(s.found, s.visible)),
     ("  a candidate there", "", lambda s: _share(s.candidate, s.visible)),
+    ("  stated at 0.1-0.3, 0.3-0.7, 0.7-1: right", "as stated", lambda s: _reliability(s.stated, s.is_own)),
     ("false per frame", "<= 1 %", lambda s: _share(s.false, s.frames)),
     ("its place, px rms", "<= 1", lambda s: f"{np.sqrt(np.mean(np.square(s.off_px))):.2f}" if s.off_px else "-"),
     ("hits and bounces within a frame", ">= 95 %", lambda s: _share(s.events_found, s.events)),

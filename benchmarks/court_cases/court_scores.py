@@ -31,6 +31,10 @@ class RallyScore:
     found: int = 0
     candidate: int = 0
     """Visible frames with a candidate that is the object."""
+    stated: list[float] = field(default_factory=list)
+    """Probabilities of all candidates."""
+    is_own: list[bool] = field(default_factory=list)
+    """Whether each of them is the object."""
     frames: int = 0
     false: int = 0
     refused: int = 0
@@ -106,6 +110,7 @@ def _score_places(truth: CourtTruth, answer: dict[str, Any]) -> dict[str, Any]:
     hit = np.zeros(len(is_visible), bool)
     hit[frame[close]] = True
     return {
+        "stated": answer["candidates"]["score"], "is_own": close.tolist(),
         "visible": int(is_visible.sum()), "found": int(near.sum()), "candidate": int((hit & is_visible).sum()),
         "frames": len(is_visible), "false": int(false.sum()), "off_px": off[near].tolist(),
     }  # fmt: skip
