@@ -5,8 +5,9 @@ from __future__ import annotations
 import asyncio
 import json
 import socket
+import threading
 import webbrowser
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncGenerator, Callable
 from contextlib import suppress
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -20,10 +21,10 @@ from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
-from starlette.routing import BaseRoute, Mount, Route
+from starlette.routing import BaseRoute, Mount, Route, Router
+from starlette.types import Receive, Scope, Send
 
 from models.core.errors import OptionError, TruerollError
-from pipeline.app import session_routes, shot_routes
 from pipeline.app.access_guard import CODE_S, LOOPBACK, AccessGuard, AccessKeys
 from pipeline.app.job_queue import JobQueue
 from pipeline.app.refusals import Refusal, read_json_body
@@ -42,6 +43,8 @@ RESULT_POLICY = (
 )
 # s between two looks for changes that other programs make, while a page is open.
 WATCH_S = 1.0
+# s after a page has got the library, before what answers questions is loaded in the background.
+WARM_UP_S = 1.0
 # Messages that wait for one page; a page that falls behind is told to ask again.
 MAX_WAITING = 200
 
@@ -151,13 +154,13 @@ def build_app(
         The application.
     """
     handlers = LibraryHandlers(library, queue, keys, network, is_stopping)
+    late = LateRoutes(library, queue)
+    handlers.warm_up = late.warm_up
     api: list[BaseRoute] = [
         Route("/library", handlers.send_library),
         Route("/events", handlers.send_events),
         Route("/shots/{id}/thumbnail", handlers.send_thumbnail),
         Route("/shots/{id}/file/{name}", handlers.send_file),
-        *shot_routes.build_routes(library),
-        *session_routes.build_routes(library, queue),
         Route("/clips", handlers.take_clip, methods=["POST"]),
         Route("/paths", handlers.take_path, methods=["POST"]),
         Route("/jobs/{id}/preview", handlers.send_preview),
@@ -166,6 +169,7 @@ def build_app(
         Route("/shots/{id}", handlers.delete, methods=["DELETE"]),
         Route("/trash/{undo}/restore", handlers.restore, methods=["POST"]),
         Route("/trash", handlers.empty_trash, methods=["DELETE"]),
+        *(Route(f"/{name}", late) for name in ("shots/{id}", "shots/{id}/{rest:path}", "sessions")),
     ]
     page = [Route(f"/{name}", _serve(file)) for name, file in find_page_files().items()]
     return Starlette(
@@ -178,6 +182,41 @@ def build_app(
             Exception: _answer_fault,
         },
     )
+
+
+class LateRoutes:
+    """The routes of answers about shots and sessions; their modules take seconds to import, after the page is up."""
+
+    def __init__(self, library: ShotLibrary, queue: JobQueue) -> None:
+        self._library, self._queue = library, queue
+        self._lock = threading.Lock()
+        self._router: Router | None = None
+        self._is_warm = False
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on."""
+        router = await run_in_threadpool(self._load) if self._router is None else self._router
+        await router(scope, receive, send)
+
+    def warm_up(self) -> None:
+        """Import the modules in the background, a moment later, when the page is drawn."""
+        if not self._is_warm:
+            self._is_warm = True
+            timer = threading.Timer(WARM_UP_S, self._load)
+            timer.daemon = True
+            timer.start()
+
+    def _load(self) -> Router:
+        """Import the modules once."""
+        with self._lock:
+            if self._router is None:
+                from pipeline.app import session_routes, shot_routes
+
+                library = self._library
+                self._router = Router(
+                    [*shot_routes.build_routes(library), *session_routes.build_routes(library, self._queue)]
+                )
+            return self._router
 
 
 def find_page_files() -> dict[str, Traversable]:
@@ -215,7 +254,7 @@ async def _answer_http(request: Request, error: Exception) -> Response:
 
 
 async def _answer_error(request: Request, error: Exception) -> Response:
-    return Refusal(422, " ".join(str(error).split())).to_response()
+    return Refusal(422, " ".join(str(error).split()).rstrip(".") + ".").to_response()
 
 
 async def _answer_fault(request: Request, error: Exception) -> Response:
@@ -236,6 +275,8 @@ class LibraryHandlers:
     ) -> None:
         self._library, self._queue, self._keys, self._network = library, queue, keys, network
         self._uploads, self._is_stopping = UploadDesk(library, queue), is_stopping
+        self.warm_up: Callable[[], object] = lambda: None
+        """Called when there are shots that a person may ask about next."""
 
     async def send_library(self, request: Request) -> Response:
         """Send all cards, the queue and the use of the disk."""
@@ -243,6 +284,8 @@ class LibraryHandlers:
 
     def _describe(self, is_local: bool) -> bytes:
         cards, jobs = self._library.list_cards(), self._queue.describe()
+        if cards:
+            self.warm_up()
         busy = self._queue.list_running()
         document = {
             "revision": self._library.revision,
@@ -340,28 +383,35 @@ class LibraryHandlers:
 
     async def send_events(self, request: Request) -> Response:
         """Send changes as they happen, until the page is closed."""
-        return StreamingResponse(self._stream_events(), media_type="text/event-stream")
+        return StreamingResponse(self.stream_events(), media_type="text/event-stream")
 
-    async def _stream_events(self) -> AsyncIterator[str]:
+    async def stream_events(self) -> AsyncGenerator[str, None]:
         """Yield a message per change."""
         loop, waiting = asyncio.get_running_loop(), asyncio.Queue[dict[str, Any]](MAX_WAITING)
 
         def put(message: dict[str, Any]) -> None:
-            if not waiting.full():
-                waiting.put_nowait(message)
+            if waiting.full():  # this page asks for everything again
+                while not waiting.empty():
+                    waiting.get_nowait()
+                message = {"type": "library", "revision": self._library.revision}
+            waiting.put_nowait(message)
 
         def listen(message: dict[str, Any]) -> None:
-            loop.call_soon_threadsafe(put, message)
+            with suppress(RuntimeError):  # the server has just ended
+                loop.call_soon_threadsafe(put, message)
 
         self._library.listeners.append(listen)
         try:
             yield "retry: 1000\n\n"
+            next_look = loop.time() + WATCH_S
             while not self._is_stopping():
                 try:
-                    message = await asyncio.wait_for(waiting.get(), WATCH_S)
+                    message = await asyncio.wait_for(waiting.get(), max(next_look - loop.time(), 0.001))
                     yield f"data: {json.dumps(message)}\n\n"
                 except TimeoutError:
-                    await run_in_threadpool(self._library.announce_changes)
                     yield ":\n\n"  # a comment: the page has gone if it cannot be sent
+                if loop.time() >= next_look:
+                    await run_in_threadpool(self._library.announce_changes)
+                    next_look = loop.time() + WATCH_S
         finally:
             self._library.listeners.remove(listen)

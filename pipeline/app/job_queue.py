@@ -7,6 +7,7 @@ A server that is killed loses the lock, and what it had begun is taken up again.
 from __future__ import annotations
 
 import json
+import math
 import os
 import secrets
 import subprocess
@@ -359,7 +360,8 @@ class JobQueue:
             elif "shot" in message:
                 changes = {"stage": "shot {} of {}".format(*message["shot"]), "share": message["done"]}
             elif "stage" in message:
-                changes = {"stage": message["stage"], "share": message["share"]}
+                share = message["share"]  # NaN where a stage cannot tell
+                changes = {"stage": message["stage"], "share": share if math.isfinite(share) else 0.0}
             if changes and self._update(job.id, ("running",), **changes) is not None and "share" not in changes:
                 self._library.announce_changes()
 

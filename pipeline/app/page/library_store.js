@@ -25,7 +25,8 @@ let lastNotice = 0;
 export function notify(sentence, { kind = "", action } = {}) {
   lastNotice += 1;
   const id = lastNotice;
-  notices.set(({ list }) => ({ list: [...list.filter((one) => one.sentence !== sentence).slice(-3), { id, sentence, kind, action }] }));
+  const others = notices.get().list.filter((one) => one.sentence !== sentence).slice(-3);
+  notices.set({ list: [...others, { id, sentence, kind, action }] });
   setTimeout(() => dismiss(id), action ? UNDO_MS : NOTICE_MS);
 }
 
@@ -59,9 +60,9 @@ function handleEvent(event) {
 }
 
 function putJob({ type, ...job }) {
-  library.set(({ jobs }) => ({
-    jobs: jobs.some((one) => one.id === job.id) ? jobs.map((one) => (one.id === job.id ? { ...one, ...job } : one)) : [...jobs, job],
-  }));
+  const { jobs } = library.get();
+  const isKnown = jobs.some((one) => one.id === job.id);
+  library.set({ jobs: isKnown ? jobs.map((one) => (one.id === job.id ? { ...one, ...job } : one)) : [...jobs, job] });
 }
 
 /** Follow the server: events while it runs, and the whole library whenever the connection opens again. */
@@ -83,7 +84,9 @@ export async function addFiles(files) {
   if (uploads.get().waiting.length > rows.length) return; // the loop below is running already
   for (let row = rows[0]; row; row = uploads.get().waiting[0]) {
     const { id } = row;
-    const change = (part) => uploads.set(({ waiting }) => ({ waiting: waiting.map((one) => (one.id === id ? { ...one, ...part } : one)) }));
+    const change = (part) => {
+      uploads.set(({ waiting }) => ({ waiting: waiting.map((one) => (one.id === id ? { ...one, ...part } : one)) }));
+    };
     try {
       const most = library.get().limits?.upload_bytes ?? Infinity;
       if (row.file.size > most) throw new RequestError(text.errors.tooLarge(row.name, most), 413);

@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import json
 import re
+import subprocess
+import sys
 import time
 import tracemalloc
 from collections.abc import Iterator
@@ -14,8 +16,12 @@ from urllib.parse import quote
 
 import pytest
 from support.app_requests import MP4_HEADER, THUMBNAIL, Reply, Visitor, list_tree, write_run
+from support.carom_start import run_program
 
-from pipeline.app import access_guard, uploads
+from pipeline.app import access_guard, app_server, uploads
+from pipeline.app.app_server import LibraryHandlers
+from pipeline.app.job_queue import JobQueue
+from pipeline.app.shot_library import ShotLibrary
 
 PHONE, OTHER_PHONE = "192.168.1.20", "192.168.1.21"
 
@@ -336,3 +342,57 @@ def test_nothing_is_paired_without_the_option(visitor: Visitor, tmp_path: Path) 
 
     visitor.app = build_app(visitor.library, visitor.queue, visitor.keys)
     assert visitor.ask("POST", "api/lan/code").status == 409
+
+
+def test_pages_are_told_what_happens_also_while_much_happens(
+    visitor: Visitor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(app_server, "WATCH_S", 0.05)
+    monkeypatch.setattr(app_server, "MAX_WAITING", 3)
+    handlers = LibraryHandlers(visitor.library, visitor.queue, visitor.keys, "", lambda: False)
+
+    async def listen() -> list[dict[str, object]]:
+        stream = handlers.stream_events()
+        assert await anext(stream) == "retry: 1000\n\n"
+        for number in range(5):  # more than may wait
+            visitor.library.announce(type="job", id=number)
+        await asyncio.sleep(0)
+        messages = [json.loads((await anext(stream))[5:])]
+        write_run(tmp_path / "library" / "by another program")
+        while messages[-1] == messages[0] or messages[-1]["type"] != "library":
+            visitor.library.announce(type="job", id="busy")
+            text = await anext(stream)
+            messages += [json.loads(text[5:])] if text.startswith("data:") else []
+        await stream.aclose()
+        return messages
+
+    messages = asyncio.run(asyncio.wait_for(listen(), 60.0))
+    assert messages[0]["type"] == "library"
+    assert {"type": "job", "id": "busy"} in messages
+    assert visitor.library.listeners == []
+
+
+def test_the_server_starts_without_what_computes() -> None:
+    heavy = {"torch", "numba", "scipy", "cv2", "onnxruntime", "av"}
+    script = f"import pipeline.app.app_server, sys; print(sorted({heavy} & sys.modules.keys()))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
+@pytest.mark.parametrize("is_new", [True, False])
+def test_edit_opens_the_page_at_a_run_and_queues_a_clip_without_one(
+    is_new: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pages: list[tuple[ShotLibrary, Path | None]] = []
+    monkeypatch.setattr(app_server, "open_page", lambda library, port, browser, shot: pages.append((library, shot)))
+    monkeypatch.chdir(tmp_path)
+    clip = tmp_path / "film.mp4"
+    clip.write_bytes(MP4_HEADER)
+    if not is_new:
+        folder = write_run(tmp_path / "out" / "film")
+        (folder / "source.json").write_text(json.dumps({"path": str(clip)}))
+    done = run_program("edit", "film.mp4" if is_new else "out/film")
+    assert done.status == 0, done.err
+    ((library, shot),) = pages
+    assert shot == (None if is_new else Path("out/film"))
+    assert [job["name"] for job in JobQueue(library).describe()] == (["film.mp4"] if is_new else [])

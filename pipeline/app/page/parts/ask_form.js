@@ -17,6 +17,7 @@ export function AskForm({ shot }) {
   }
   if (!doc.run) return null;
   const all = shot.listBodies();
+  const balls = all.filter((body) => body.kind === "ball");
   const find = (name) => all.find((body) => key(body) === name);
   const [one, two] = bodies;
   const choose = (first, second) => {
@@ -34,9 +35,11 @@ export function AskForm({ shot }) {
     </optgroup>`)}</select>`;
   return html`<div class="ask" role="group" aria-label=${text.ask.label}>
     <span class="ask-words">${text.ask.did}</span>
-    ${list("ask-one", key(one), text.ask.chooseBall, one && one.kind !== "ball" ? all : all.filter((body) => body.kind === "ball"), (event) => choose(find(event.target.value), two))}
+    ${list("ask-one", key(one), text.ask.chooseBall, one && one.kind !== "ball" ? all : balls,
+      (event) => choose(find(event.target.value), two))}
     <span class="ask-words">${text.ask.touch}</span>
-    ${list("ask-two", key(two), text.ask.chooseOther, all.filter((body) => key(body) !== key(one)), (event) => choose(one, find(event.target.value)))}
+    ${list("ask-two", key(two), text.ask.chooseOther, all.filter((body) => key(body) !== key(one)),
+      (event) => choose(one, find(event.target.value)))}
     <div class="ask-more">${RULES.map((question) => html`<button key=${question} id=${`ask-${question}`} disabled=${isAsking}
       onClick=${() => { shot.desk.set({ bodies: [] }); shot.ask({ question }); }}>${text.ask.rules[question]}</button>`)}</div>
   </div>`;

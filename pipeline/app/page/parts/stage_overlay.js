@@ -1,7 +1,9 @@
 // What lies over the picture of a shot: balls, the corners of the table, contacts, rings; and what a tap on it means.
 import { html, useLayoutEffect, useRef, useState } from "../html.js";
 import { distanceToSegment, pixelAt, projectTable } from "../shot/frames.js";
-import { cancelCorrection, finishDrag, moveCorner, pickBall, pickCushion, placeBall, showsCorners, shownCorners } from "../shot/hand_tools.js";
+import {
+  cancelCorrection, finishDrag, moveCorner, pickBall, pickCushion, placeBall, showsCorners, shownCorners,
+} from "../shot/hand_tools.js";
 import { CUSHIONS } from "../shot/shot_model.js";
 import { useStore } from "../store.js";
 import { text } from "../strings.js";
@@ -63,7 +65,10 @@ export function StageOverlay({ shot, showsFrames }) {
     drag.current = drag.current?.moved ? { done: true } : null;
   };
   const onClick = (event) => {
-    if (drag.current?.done || event.target.dataset.corner !== undefined || isCorrecting && desk.question?.point) { drag.current = null; return; }
+    if (drag.current?.done || event.target.dataset.corner !== undefined || isCorrecting && desk.question?.point) {
+      drag.current = null;
+      return;
+    }
     const place = pixel(event);
     const reach = TAP_PX * scale;
     const near = balls.map(({ ball, place: [x, y] }) => [Math.hypot(x - place[0], y - place[1]), ball])
@@ -121,7 +126,8 @@ function fractionalIndex({ t: times }, t) {
   return next === undefined ? k : k + Math.max(0, Math.min(1, (t - times[k]) / (next - times[k] || 1)));
 }
 
-const trail = (ball, at) => ball.path.filter(([frame]) => frame <= at && frame > at - TRAIL_FRAMES).map(([, x, y]) => `${x},${y}`).join(" ");
+const trail = (ball, at) => ball.path.filter(([frame]) => frame <= at && frame > at - TRAIL_FRAMES)
+  .map(([, x, y]) => `${x},${y}`).join(" ");
 
 /** A tap beside every ball means the nearest pocket or rail within reach. */
 function tapTable(shot, place, reach) {
@@ -131,7 +137,9 @@ function tapTable(shot, place, reach) {
     const [x, y] = projectTable(corners, pocket.x / plan.length, pocket.y / plan.width);
     return [Math.hypot(x - place[0], y - place[1]), { kind: "pocket", id: pocket.name, name: pocket.label }];
   });
-  const sides = CUSHIONS.map((id) => [distanceToSegment(place, corners[SIDES[id][0]], corners[SIDES[id][1]]), { kind: "rail", id, name: rails[id] }]);
+  const sides = CUSHIONS.map((id) => [
+    distanceToSegment(place, ...SIDES[id].map((k) => corners[k])), { kind: "rail", id, name: rails[id] },
+  ]);
   const nearest = (list) => list.sort((one, two) => one[0] - two[0])[0];
   for (const [distance, body] of [nearest(pockets), nearest(sides)].filter(Boolean)) {
     if (distance < 1.6 * reach) { shot.tap(body); return; }

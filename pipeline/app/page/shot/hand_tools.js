@@ -7,7 +7,8 @@ const NEAR_FRAMES = 2.5;
 
 const RESET = { question: null, cross: null, dragged: null };
 
-export const showsCorners = (shot) => !shot.run.moves || shot.player.clock.get().row === 0; // a moving camera's are of its first frame
+/** Whether the corners belong to the shown frame: those of a moving camera are of the first one. */
+export const showsCorners = (shot) => !shot.run.moves || shot.player.clock.get().row === 0;
 export const shownCorners = (shot) => shot.desk.get().corners
   ?? (shot.isUpToDate ? shot.run.corners : shot.doc.corrections.corners ?? shot.run.corners);
 
@@ -45,7 +46,8 @@ export function finishDrag(shot) {
 
 export function startPlacing(shot) {
   const [width, height] = shot.run.image;
-  shot.desk.set({ ball: null, event: null, cross: [width / 2, height / 2], question: { point: true, words: text.correct.askPlace } });
+  const question = { point: true, words: text.correct.askPlace };
+  shot.desk.set({ ball: null, event: null, cross: [width / 2, height / 2], question });
 }
 
 export function placeBall(shot) {
@@ -63,27 +65,54 @@ export function goToCheck(shot, number) {
   const place = checks[check];
   const event = events.find((one) => Math.abs(one.frame - place.frame) < NEAR_FRAMES && place.balls.includes(one.a)) ?? null;
   shot.player.showRow(shot.player.frames.rowOf(place.frame));
-  shot.desk.set({ ...RESET, check, spot: place.px, event, ball: event ? null : place.balls.find((id) => findBall({ balls }, id)) ?? null });
+  const ball = event ? null : place.balls.find((id) => findBall({ balls }, id)) ?? null;
+  shot.desk.set({ ...RESET, check, spot: place.px, event, ball });
 }
 
-const mark = (shot, contact) => shot.change((c) => markContact(shot.run, c, contact));
+const nameBall = (shot, id) => findBall(shot.run, id).name;
+const mark = (shot, contact) => shot.change((c) => markContact(shot.run, c, { kind: "mark", ...contact }));
+const editTrack = (shot, edit) => shot.change((c) => add(c, "tracks", edit));
+
+/** Let a person point at another ball, and with `cushions` also at a cushion. */
+const askWhich = (shot, words, done, cushions = false) => shot.desk.set({ question: { balls: true, cushions, words, done } });
+
+function exchange(shot, id) {
+  askWhich(shot, text.correct.askSwap(nameBall(shot, id), shot.frame), ({ ball }) => {
+    const [one, two] = [id, ball].map((name) => placeOf(shot.run, name, shot.frame));
+    editTrack(shot, { kind: "swap", ball: one, other: two, first: shot.frame });
+  });
+}
+
+function join(shot, id) {
+  askWhich(shot, text.correct.askMerge(nameBall(shot, id)), ({ ball }) => {
+    const [one, two] = [id, ball].map((name) => placeOf(shot.run, name, shot.frame));
+    editTrack(shot, { kind: "merge", ball: one, other: two });
+  });
+}
+
+function touch(shot, id) {
+  askWhich(shot, text.correct.askContact(nameBall(shot, id), shot.frame), ({ ball, cushion }) => {
+    const { frame, run } = shot;
+    const other = ball ? { cause: "ball", other: placeOf(run, ball, frame) } : { cause: "cushion", cushion };
+    mark(shot, { frame, ball: placeOf(run, id, frame), ...other });
+  }, true);
+}
+
+function reject(shot, id) {
+  const ball = placeOf(shot.run, id, shot.frame);
+  shot.desk.set({ ball: null });
+  shot.change((c) => add(c, "balls", { kind: "false", ball }));
+}
+
+const split = (shot, id) => editTrack(shot, { kind: "split", ball: placeOf(shot.run, id, shot.frame), first: shot.frame });
+const strike = (shot, id) => mark(shot, { cause: "strike", frame: shot.frame, ball: placeOf(shot.run, id, shot.frame) });
 
 /** Actions on the chosen ball, by name: their key, and what they do. */
 export const BALL_ACTIONS = {
-  swap: { key: "x", run: (shot, id) => shot.desk.set({ question: { balls: true, words: text.correct.askSwap(findBall(shot.run, id).name, shot.frame),
-    done: ({ ball }) => { const first = shot.frame; const [one, two] = [id, ball].map((name) => placeOf(shot.run, name, first));
-      shot.change((c) => add(c, "tracks", { kind: "swap", ball: one, other: two, first })); } } }) },
-  merge: { key: "m", run: (shot, id) => shot.desk.set({ question: { balls: true, words: text.correct.askMerge(findBall(shot.run, id).name),
-    done: ({ ball }) => { const [one, two] = [id, ball].map((name) => placeOf(shot.run, name, shot.frame));
-      shot.change((c) => add(c, "tracks", { kind: "merge", ball: one, other: two })); } } }) },
-  split: { key: "s", run: (shot, id) => shot.change((c) => add(c, "tracks", { kind: "split", ball: placeOf(shot.run, id, shot.frame), first: shot.frame })) },
-  contact: { key: "c", run: (shot, id) => shot.desk.set({ question: { balls: true, cushions: true,
-    words: text.correct.askContact(findBall(shot.run, id).name, shot.frame),
-    done: ({ ball, cushion }) => { const { frame, run } = shot; const one = placeOf(run, id, frame);
-      mark(shot, ball ? { kind: "mark", cause: "ball", frame, ball: one, other: placeOf(run, ball, frame) }
-        : { kind: "mark", cause: "cushion", frame, ball: one, cushion }); } } }) },
-  strike: { key: "k", run: (shot, id) => mark(shot, { kind: "mark", cause: "strike", frame: shot.frame, ball: placeOf(shot.run, id, shot.frame) }) },
-  none: { key: "Delete", isDanger: true, run: (shot, id) => { const ball = placeOf(shot.run, id, shot.frame);
-    shot.desk.set({ ball: null }); shot.change((c) => add(c, "balls", { kind: "false", ball })); } },
+  swap: { key: "x", run: exchange },
+  merge: { key: "m", run: join },
+  split: { key: "s", run: split },
+  contact: { key: "c", run: touch },
+  strike: { key: "k", run: strike },
+  none: { key: "Delete", isDanger: true, run: reject },
 };
-

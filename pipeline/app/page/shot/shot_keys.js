@@ -1,5 +1,7 @@
 // Keys of the view of a shot.
-import { BALL_ACTIONS, cancelCorrection, finishDrag, goToCheck, moveCorner, pickBall, placeBall, startPlacing } from "./hand_tools.js";
+import {
+  BALL_ACTIONS, cancelCorrection, finishDrag, goToCheck, moveCorner, pickBall, placeBall, startPlacing,
+} from "./hand_tools.js";
 import { deleteEvent, moveEvent } from "./marks.js";
 import { PACES } from "./player.js";
 
@@ -59,8 +61,10 @@ function handleChoiceKey(shot, key, { keys, event, ball, question }) {
   const numbered = keys.find((one) => String(one[0]) === key);
   const action = Object.values(BALL_ACTIONS).find((one) => one.key === key);
   if (numbered) pickBall(shot, numbered[2]);
-  else if (event && key === "Delete") { shot.desk.set({ event: null }); shot.change((c) => deleteEvent(shot.run, c, event)); }
-  else if (event && key === "v") shot.change((c) => moveEvent(shot.run, c, event, shot.frame));
+  else if (event && key === "Delete") {
+    shot.desk.set({ event: null });
+    shot.change((c) => deleteEvent(shot.run, c, event));
+  } else if (event && key === "v") shot.change((c) => moveEvent(shot.run, c, event, shot.frame));
   else if (ball && action && !question) action.run(shot, ball);
   else return false;
   return true;

@@ -20,7 +20,8 @@ export class ShotModel {
     // put back; of corrections the chosen ball or event, a `question` that waits for a click, the `cross` that places a ball.
     this.desk = createStore({
       tab: "story", bodies: [], answer: null, isAsking: false, played: null, rings: null,
-      ball: null, event: null, question: null, cross: null, corners: null, check: -1, spot: null, keys: [], dragged: null, picture: "slow", zoom: 1,
+      ball: null, event: null, question: null, cross: null, corners: null, check: -1, spot: null, keys: [], dragged: null,
+      picture: "slow", zoom: 1,
     });
     this.player = null;
     this.timer = 0;
@@ -36,7 +37,8 @@ export class ShotModel {
   /** Whether frames are shown instead of the slow motion: corrections and rings belong to pictures with nothing drawn on them. */
   get showsFrames() {
     const { picture, tab, rings } = this.desk.get();
-    return this.doc.clip !== false && (!this.doc.video || picture === "frames" || tab === "correct" || tab === "placement" && Boolean(rings));
+    if (this.doc.clip === false) return false;
+    return !this.doc.video || picture === "frames" || tab === "correct" || tab === "placement" && Boolean(rings);
   }
 
   get isUpToDate() { return this.doc.result === undefined || this.doc.result === this.doc.revision; }
@@ -92,7 +94,8 @@ export class ShotModel {
     this.desk.set(changed);
     this.state.set({ doc, error: "", status: doc.outputs === undefined ? this.state.get().status : doc });
     if (doc.notice && doc.notice !== before?.notice) notify(doc.notice);
-    if (before?.result !== doc.result && doc.kind === "shot" && doc.run && !this.desk.get().bodies.length) this.ask({ question: "first" });
+    const isNew = before?.result !== doc.result && doc.kind === "shot" && doc.run;
+    if (isNew && !this.desk.get().bodies.length) this.ask({ question: "first" });
     if (!this.isUpToDate || doc.stage) this.follow();
   }
 
@@ -204,6 +207,7 @@ function assignKeys(run, before) {
   for (const { id } of run.balls) {
     for (let key = 1; !kept.has(id); key += 1) if (!used.has(key)) { kept.set(id, key); used.add(key); }
   }
-  return run.balls.filter((ball) => ball.path.length).map(({ id, path: [[frame, x, y]] }) => [kept.get(id), { frame, x_px: x, y_px: y }, id]);
+  return run.balls.filter((ball) => ball.path.length)
+    .map(({ id, path: [[frame, x, y]] }) => [kept.get(id), { frame, x_px: x, y_px: y }, id]);
 }
 

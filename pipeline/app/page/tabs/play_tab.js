@@ -45,7 +45,13 @@ export function PlayTab({ shot }) {
     clearTimeout(timer.current);
     timer.current = setTimeout(() => request("what-if", next), WAIT_MS);
   };
-  const reset = () => { clearTimeout(timer.current); running.current?.abort(); setChange(NONE); setIsBusy(false); shot.desk.set({ played: null }); };
+  const reset = () => {
+    clearTimeout(timer.current);
+    running.current?.abort();
+    setChange(NONE);
+    setIsBusy(false);
+    shot.desk.set({ played: null });
+  };
   return html`<div class="columns">
     <section><h2>${text.play.title}</h2>
       ${Object.entries(SLIDERS).map(([name, [most, step]]) => html`<div class="field" key=${name}>

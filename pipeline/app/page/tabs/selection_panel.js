@@ -38,7 +38,8 @@ function BallPanel({ shot, ball, classes }) {
     event.preventDefault();
     const wanted = name.trim();
     document.activeElement.blur();
-    shot.change((c) => setBall(run, c, "rename", ball.id, shot.frame, wanted)).then((isDone) => { if (isDone) shot.desk.set({ ball: wanted }); });
+    shot.change((c) => setBall(run, c, "rename", ball.id, shot.frame, wanted))
+      .then((isDone) => { if (isDone) shot.desk.set({ ball: wanted }); });
   };
   return html`<h2>${ball.name}</h2>
     <div class="row">${Object.entries(BALL_ACTIONS).map(([action, one]) => html`<button key=${action} data-action=${action}
@@ -61,6 +62,11 @@ function EventPanel({ shot, event }) {
   const frame = shot.player.frames.distinct[row];
   const [exact, setExact] = useState(event.frame.toFixed(2));
   const move = (to) => shot.change((c) => moveEvent(shot.run, c, event, to));
+  const submit = (submitted) => {
+    submitted.preventDefault();
+    document.activeElement.blur();
+    if (exact !== "") move(Number(exact));
+  };
   return html`<h2>${event.text}</h2><p class="small">${text.correct.eventFacts(event)}</p>
     ${!MARKED.includes(event.kind) ? html`<p class="small">${text.correct.follows}</p>` : html`
       <div class="row"><button class="danger" data-action="delete"
@@ -69,7 +75,7 @@ function EventPanel({ shot, event }) {
         <button data-action="move"
           onClick=${() => move(frame)}>${text.correct.happenedAt(frame)} <kbd>${text.correct.keyName("v")}</kbd></button>
           </div>
-      <form class="row" onSubmit=${(submitted) => { submitted.preventDefault(); document.activeElement.blur(); if (exact !== "") move(Number(exact)); }}>
+      <form class="row" onSubmit=${submit}>
         <label for="exact">${text.correct.atFrame}</label><input id="exact" type="number" step="0.05" min="0" value=${exact}
           onInput=${(input) => setExact(input.target.value)} />
         <button>${text.correct.set}</button></form>`}`;

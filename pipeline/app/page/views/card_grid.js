@@ -23,7 +23,8 @@ export function CardGrid({ cards, chosen = NONE, onChoose }) {
     const row = CARD_HEIGHT + GAP;
     const first = Math.max(0, Math.floor(-box.top / row) - SPARE_ROWS);
     const stop = Math.max(0, Math.ceil((innerHeight - box.top) / row) + SPARE_ROWS);
-    setView((before) => (before.columns === columns && before.first === first && before.stop === stop ? before : { columns, first, stop }));
+    const isSame = (before) => before.columns === columns && before.first === first && before.stop === stop;
+    setView((before) => (isSame(before) ? before : { columns, first, stop }));
   };
   useLayoutEffect(measure, [cards]);
   useEffect(() => {
@@ -71,7 +72,9 @@ function Card({ card, isChosen, onChoose, place, count }) {
   </li>`;
 }
 
-const listFacts = ({ table, balls, date }) => [date ? text.date(date) : "", table, balls ? text.library.balls(balls) : ""].filter(Boolean).join(" · ");
+function listFacts({ table, balls, date }) {
+  return [date && text.date(date), table, balls && text.library.balls(balls)].filter(Boolean).join(" · ");
+}
 
 /** Trust as a word with a shape, so that colour is not all that carries it. */
 export function TrustMark({ level }) {

@@ -29,7 +29,14 @@ export function Queue({ jobs, waiting }) {
   </section>`;
 }
 
+/** The card of the result of a job; undefined until there is one. */
+function useCard(job) {
+  const { shots } = useStore(library);
+  return shots?.find((one) => one.id === job.shot);
+}
+
 function RunningJob({ job }) {
+  const card = useCard(job);
   return html`<article class="job running-job" aria-label=${text.queue.runs(job.name)}>
     <div class="preview">${job.preview
       ? html`<img src=${`api/jobs/${job.id}/preview?r=${job.preview_revision ?? job.share}`}
@@ -40,9 +47,10 @@ function RunningJob({ job }) {
         <button onClick=${() => actOnJob(job.id, "cancel")}>${text.queue.cancel}</button></div>
       <${CheckSentences} check=${job.check} />
       <${StepLine} job=${job} />
+      ${card?.outcome && html`<p class="headline">${card.outcome}</p>`}
       <ul class="found" aria-live="polite">${(job.found ?? []).map((sentence) => html`<li key=${sentence}>${sentence}
         </li>`)}</ul>
-      ${job.shot && html`<p><${ResultLink} id=${job.shot} className="main" label=${text.queue.look} /></p>`}
+      ${job.shot && html`<p><a class="button main" href=${routeToCard(card ?? { id: job.shot })}>${text.queue.look}</a></p>`}
     </div>
   </article>`;
 }
@@ -59,7 +67,9 @@ function CheckSentences({ check }) {
 
 function StepLine({ job }) {
   const found = STEPS.findIndex(([, stages]) => stages.includes(job.stage));
-  if (found < 0 && job.state === "running") return html`<progress aria-label=${text.queue.runs(job.name)}></progress>`;
+  if (found < 0 && job.state === "running") { // a command, or one of the shots of a recording
+    return html`<div><progress aria-label=${text.queue.runs(job.name)} value=${job.share || undefined} max="1"></progress><p>${job.stage}</p></div>`;
+  }
   const at = Math.max(0, found);
   const name = text.queue.steps[STEPS[at][0]];
   return html`<div class="steps">
@@ -71,19 +81,14 @@ function StepLine({ job }) {
 }
 
 function SmallJob({ job }) {
+  const card = useCard(job);
   return html`<div class="job small-job ${job.state}">
-    <p class="job-name">${job.name}<span class="job-state">${job.error || job.found?.[0] || text.queue.states[job.state]}
+    <p class="job-name">${job.name}<span class="job-state">${job.error || card?.outcome || text.queue.states[job.state]}
       </span></p>
     ${job.state === "waiting" && html`<button onClick=${() => actOnJob(job.id, "cancel")}>${text.queue.cancel}</button>`}
     ${job.state === "failed" && html`<button onClick=${() => actOnJob(job.id, "retry")}>${text.queue.retry}</button>`}
     ${job.state === "failed" && html`<button class="plain" onClick=${() => actOnJob(job.id, "dismiss")}>${text.queue.forget}
       </button>`}
-    ${job.shot && html`<${ResultLink} id=${job.shot} className="" label=${text.queue.open} />`}
+    ${job.shot && html`<a class="button" href=${routeToCard(card ?? { id: job.shot })}>${text.queue.open}</a>`}
   </div>`;
-}
-
-function ResultLink({ id, className, label }) {
-  const { shots } = useStore(library);
-  const card = shots?.find((one) => one.id === id) ?? { id };
-  return html`<a class=${`button ${className}`} href=${routeToCard(card)}>${label}</a>`;
 }

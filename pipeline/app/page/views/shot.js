@@ -24,6 +24,13 @@ const RALLY_TABS = { story: StoryTab, strokes: StrokesTab, numbers: NumbersTab }
 // Words for the levels of trust of a run.
 const TRUST_LEVELS = { green: "high", amber: "medium", red: "low" };
 
+/** Without its clip, a shot can be looked at but not corrected. */
+function chooseTabs({ kind, clip }) {
+  const { correct, ...others } = SHOT_TABS;
+  if (kind === "rally") return RALLY_TABS;
+  return clip === false ? others : SHOT_TABS;
+}
+
 export function ShotView({ id }) {
   const shot = useMemo(() => new ShotModel(id), [id]);
   const { doc, error } = useStore(shot.state);
@@ -45,7 +52,7 @@ export function ShotView({ id }) {
       ${doc.plan && html`<${Plan} shot=${shot} />`}
       <${AskForm} shot=${shot} />`}
     </div>
-    <${Tabs} shot=${shot} tabs=${doc.kind === "rally" ? RALLY_TABS : SHOT_TABS} />
+    <${Tabs} shot=${shot} tabs=${chooseTabs(doc)} />
   </div>`;
 }
 
