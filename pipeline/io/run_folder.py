@@ -232,6 +232,12 @@ def parse_naming(scene: dict[str, Any]) -> Naming:
     return build_naming(parse_table(scene), parse_camera(scene), list(looks), list(looks.values()))
 
 
+def find_files_below(folder: Path, name: str) -> list[Path]:
+    """Find the files of a name below a folder, in order; hidden folders are left out, such as the trash of the page."""
+    paths = sorted(folder.rglob(name)) if folder.is_dir() else []
+    return [path for path in paths if not any(part.startswith(".") for part in path.relative_to(folder).parts)]
+
+
 def list_folders_with(name: str, sources: Iterable[Path]) -> list[Path]:
     """List the folders that hold a file, such as run folders with their scene.json.
 
@@ -250,7 +256,7 @@ def list_folders_with(name: str, sources: Iterable[Path]) -> list[Path]:
         if source.is_file() or (source / name).is_file():
             folders[source] = None
             continue
-        below = sorted(path.parent for path in source.rglob(name)) if source.is_dir() else []
+        below = [path.parent for path in find_files_below(source, name)]
         if not below:
             raise OptionError(f"Run folders or folders with such folders were expected; {source} holds no {name}")
         folders |= dict.fromkeys(below)

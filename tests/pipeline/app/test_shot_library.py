@@ -11,9 +11,11 @@ from typing import Any
 import pytest
 from support.app_requests import THUMBNAIL, list_tree, write_run
 
+from models.core.errors import OptionError
 from pipeline.app import shot_library
 from pipeline.app.refusals import Refusal
 from pipeline.app.shot_library import ShotLibrary
+from pipeline.io.run_folder import list_folders_with
 
 LONG_AGO_NS = 1_700_000_000_000_000_000
 
@@ -145,6 +147,8 @@ def test_deleting_takes_the_uploaded_clip_along_and_can_be_undone(tmp_path: Path
     (card,) = library.list_cards()
     undo = library.delete(card.id)
     assert library.list_cards() == []
+    with pytest.raises(OptionError, match="holds no"):
+        list_folders_with("scene.json", [tmp_path])  # the command line does not see it either
     assert [path.name for path in (tmp_path / "clips").iterdir()] == ["other.mp4"]
     used = library.measure_disk()
     assert used["trash_bytes"] >= card.bytes
