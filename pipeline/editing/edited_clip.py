@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import threading
+from collections import OrderedDict
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -124,7 +124,7 @@ class FrameImages:
 
     def __init__(self, clip: Clip) -> None:
         self._clip, self._lock = clip, threading.Lock()
-        self._decode_part = lru_cache(KEPT_PARTS)(self._decode)
+        self._parts: OrderedDict[int, dict[int, bytes]] = OrderedDict()
 
     def read(self, frame: int) -> bytes | None:
         """Read a frame.
@@ -138,8 +138,14 @@ class FrameImages:
         row = frame - self._clip.first_frame
         if not 0 <= row < self._clip.frame_count:
             return None
+        part = row // PART_FRAMES
         with self._lock:
-            return self._decode_part(row // PART_FRAMES).get(frame)
+            if part not in self._parts:
+                self._parts[part] = self._decode(part)
+            self._parts.move_to_end(part)
+            while len(self._parts) > KEPT_PARTS:
+                self._parts.popitem(last=False)
+            return self._parts[part].get(frame)
 
     def _decode(self, part: int) -> dict[int, bytes]:
         """Decode a part of the clip; what cannot be decoded is left out."""

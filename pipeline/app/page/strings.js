@@ -220,6 +220,7 @@ export const text = {
   },
   session: {
     missing: "There is no such comparison any more.",
+    running: "This page is being written.",
     empty: "No shot was found in this recording.",
     open: "In its own window",
     frame: (name) => `Page of ${name}`,

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 import re
+import weakref
 from pathlib import Path
 
 import pytest
+from support import synthetic_run
 
 from models.core.errors import ClipError, OptionError
 from pipeline.chain import hash_clip, write_source
-from pipeline.editing.edited_clip import EditedClip, continue_run_options, find_edited_clip
+from pipeline.editing.edited_clip import EditedClip, FrameImages, continue_run_options, find_edited_clip
 from pipeline.run_options import RunOptions, build_options
 
 
@@ -86,3 +88,11 @@ def test_whatever_else_is_no_run(tmp_path: Path) -> None:
         find_edited_clip(tmp_path, None)
     with pytest.raises(ClipError, match="does not exist"):
         find_edited_clip(tmp_path / "missing.mp4", None)
+
+
+def test_images_of_frames_are_freed_with_the_shot_that_they_belong_to(tmp_path: Path) -> None:
+    images = FrameImages(synthetic_run.write_clip(tmp_path / "shot.mp4"))
+    assert [content is not None for content in map(images.read, (-1, 0, 23, 24))] == [False, True, True, False]
+    last = weakref.ref(images)
+    del images
+    assert last() is None, "a cycle would keep megabytes until a rare garbage collection"

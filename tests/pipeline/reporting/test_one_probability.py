@@ -55,7 +55,7 @@ def test_all_outputs_state_one_probability_of_an_event(tmp_path: Path, probabili
     (summary,) = summarize_shots(tracks, fit, scene.table, calls=calls)
     first = next(format_call(call, naming) for call in calls if call.kind == "first")
     touched = format_call(answer_contact(record, "white", "red"), naming)
-    view = describe_run(ClipRun(clip, scene, tracks, fit), None)
+    view = describe_run(ClipRun(float(clip.fps), scene, tracks, fit), None)
     rows = build_event_rows(fit, ReportFiles("slow.mp4", tmp_path, 8.0))
 
     assert [rows[2]["probability"], view["events"][2]["share"]] == [text, text]

@@ -59,12 +59,12 @@ export class ShotModel {
     this.load();
   }
 
-  /** Look for the slow motion, which is made last, whenever the library has changed. */
+  /** Look for a shot that was not there yet, or for its slow motion, which is made last, whenever the library has changed. */
   noteVideo() {
     const { revision } = library.get();
     if (revision === this.revision) return;
     this.revision = revision;
-    if (this.doc && !this.doc.video) this.load();
+    if (!this.doc?.video) this.load();
   }
 
   async load() {

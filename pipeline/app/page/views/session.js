@@ -14,6 +14,7 @@ export function SessionView({ id }) {
   if (!shots) return html`<p class="loading" role="status">${text.app.loading}</p>`;
   const back = (words, className) => html`<a class=${className} href=${routeTo("library")} aria-label=${text.shot.back}>${words}</a>`;
   if (!card) return html`<p class="nothing" role="alert">${text.session.missing} ${back(text.shot.back, "")}</p>`;
+  if (card.state === "running") return html`<p class="loading" role="status">${text.session.running}</p>`;
   const address = fileAddress(id, card.page);
   const parts = shots.filter((one) => one.name.startsWith(`${card.name}, `));
   return html`<div class="session">
