@@ -6,6 +6,7 @@ import { text } from "./strings.js";
 // ms that a notice stays, and one that offers to undo.
 const NOTICE_MS = 6000;
 const UNDO_MS = 15000;
+const ENDED = ["done", "failed", "cancelled"];
 
 export const library = createStore({
   shots: /** @type {object[] | null} */ (null), jobs: [], disk: null, revision: -1, lan: false, local: true, isOnline: true,
@@ -55,7 +56,10 @@ export async function loadLibrary() {
 
 function handleEvent(event) {
   if (event.type === "library" && event.revision !== library.get().revision) loadLibrary();
-  if (event.type === "job") putJob(event);
+  if (event.type === "job") {
+    putJob(event);
+    if (ENDED.includes(event.state)) loadLibrary(); // its card is no longer one of a running job
+  }
   if (event.type === "shot") shotChanges.set((counts) => ({ [event.id]: (counts[event.id] ?? 0) + 1 }));
 }
 
