@@ -1,10 +1,15 @@
 """Rendered rallies of an independent simulator: what of them is found, and how sure and true the answers are.
 
     python -m benchmarks.courts [--rallies 12] [--seed 1] [--sport tennis] [--oracle camera] [--out out/courts]
+    python -m benchmarks.courts --from-truth [--missing 0.1] [--clutter 3] [--rallies 30]
 
 Clips are rendered once per seed, and answers are stored beside them: `--refresh` runs the program again. `--oracle`
 replaces parts by the truth (camera, candidates), which separates their errors. Every third clip is a phone's, rates go
 from 25 to 60 fps, every fifth is 1080p. Goals are those of the issue on courts.
+
+`--from-truth` renders nothing and takes some seconds per rally: the inference is given the true camera and a detector
+that knows where the object is visible, with a noise of 0.7 px. It may miss a share of the frames, and add false
+candidates.
 """
 
 from __future__ import annotations
@@ -16,8 +21,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.court_cases.court_answers import answer_case
-from benchmarks.court_cases.court_clips import CourtCase, read_truth, render_case
+from benchmarks.court_cases.court_answers import Impairment, answer_case, answer_truth
+from benchmarks.court_cases.court_clips import CourtCase, film_case, read_truth, render_case
 from benchmarks.court_cases.court_scores import RallyScore, join_scores, score_answer, upper_bound
 
 SPORTS = ("badminton", "tennis", "table-tennis")
@@ -29,6 +34,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--sport", action="append", choices=SPORTS)
     parser.add_argument("--oracle", action="append", choices=("camera", "candidates"), default=[])
+    parser.add_argument("--from-truth", action="store_true", help="detector and camera that know the truth, no clip")
+    parser.add_argument("--missing", type=float, default=0.0, help="share of frames in which that detector misses")
+    parser.add_argument("--clutter", type=float, default=0.0, help="mean number of its false candidates per frame")
     parser.add_argument("--strokes", type=int, nargs=2, default=(2, 6), help="least and largest number of a rally")
     parser.add_argument("--out", type=Path, default=Path("out/courts"))
     parser.add_argument("--refresh", action="store_true", help="run the program again")
@@ -40,10 +48,14 @@ def main() -> None:
         scores = []
         for number in range(options.rallies):
             case = CourtCase(sport, number, options.seed, tuple(options.strokes))
-            truth = read_truth(render_case(case, options.out))
-            if options.render_only:
-                continue
-            answer = answer_case(truth, frozenset(options.oracle), options.refresh)
+            if options.from_truth:
+                truth = read_truth(film_case(case, options.out))
+                answer = answer_truth(truth, Impairment(options.missing, options.clutter))
+            else:
+                truth = read_truth(render_case(case, options.out))
+                if options.render_only:
+                    continue
+                answer = answer_case(truth, frozenset(options.oracle), options.refresh)
             scores.append(score_answer(truth, answer))
             if options.each:
                 console.print(f"{case.name} {case.view} {case.fps}: {answer['error'] or summarize_clip(scores[-1])}")
@@ -78,6 +90,13 @@ def _quantiles(values: list[float], factor: float, shares: tuple[float, ...] = (
     return " / ".join(f"{factor * q:.1f}" for q in np.quantile(values, shares)) if values else "-"
 
 
+def _reliability(stated: list[float], is_own: list[bool]) -> str:
+    """Return the mean probabilities of candidates in three ranges, and how many of them are the object, %."""
+    level, own = np.array(stated), np.array(is_own)
+    parts = [(level >= low) & (level < high) for low, high in ((0.1, 0.3), (0.3, 0.7), (0.7, 1.01))]
+    return ", ".join(f"{100 * level[p].mean():.0f}: {100 * own[p].mean():.0f}" for p in parts if p.any())
+
+
 def _within(z: list[float]) -> str:
     size = np.abs(z)
     return f"{100 * np.mean(size < 1):.0f} / {100 * np.mean(size < 2):.0f} %" if len(z) else "-"
@@ -87,6 +106,7 @@ ROWS = (
     ("clips / refused", "0", lambda s: f"{s.clips} / {s.refused}"),
     ("object found where visible", ">= 95 %", lambda s: _share(s.found, s.visible)),
     ("  a candidate there", "", lambda s: _share(s.candidate, s.visible)),
+    ("  stated at 0.1-0.3, 0.3-0.7, 0.7-1: right", "as stated", lambda s: _reliability(s.stated, s.is_own)),
     ("false per frame", "<= 1 %", lambda s: _share(s.false, s.frames)),
     ("its place, px rms", "<= 1", lambda s: f"{np.sqrt(np.mean(np.square(s.off_px))):.2f}" if s.off_px else "-"),
     ("hits and bounces within a frame", ">= 95 %", lambda s: _share(s.events_found, s.events)),

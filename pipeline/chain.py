@@ -27,7 +27,7 @@ from pipeline.engine.result_cache import CacheEntry, ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
 from pipeline.engine.stage_graph import RunWatcher, StageGraph, accept_result
 from pipeline.io.corrections_file import corrections_path, read_corrections
-from pipeline.io.run_folder import SOURCE_FILE, read_source
+from pipeline.io.run_folder import SOURCE_FILE, STAGE_FILES, read_source
 from pipeline.io.run_views import view_inputs
 from pipeline.io.saved_shot import publish_shot
 from pipeline.io.shot_laws import keep_laws
@@ -62,15 +62,6 @@ from video.io.clip import Clip
 from video.io.clip_digest import compute_clip_digest, read_file_state
 from video.io.frame_memory import FrameMemory
 from video.io.refused_files import require_readable_file
-
-# Files of a run folder by the stage that writes them.
-STAGE_FILES: Mapping[str, tuple[str, ...]] = {
-    "export": ("tracks.csv", "events.csv", "trajectory.csv", "scene.json"),
-    "poster": ("poster.png",),
-    "report": ("report.html", "summary.json"),
-    "record": ("recording.rrd",),
-    "render": ("slow.mp4",),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -345,6 +336,7 @@ def run_clip(
     start_helpers: Callable[[Collection[str]], object] | None = None,
     memory: FrameMemory | None = None,
     notes: tuple[str, ...] = (),
+    result_listener: Callable[[StageGraph, Mapping[str, CacheEntry]], object] | None = None,
 ) -> FinishedRun | FinishedRally:
     """Run the chain on one clip and publish its files in a folder.
 
@@ -363,6 +355,7 @@ def run_clip(
         start_helpers: Called before each stage that runs, with the names of the stages whose results exist.
         memory: Keeps the decoded frames of the clip until the run ends; None opens one.
         notes: Further notes of the run.
+        result_listener: Called before each stage that runs, with the graph and the results of the stages before it.
 
     Returns:
         The run.
@@ -390,6 +383,8 @@ def run_clip(
         nonlocal is_answered
         if start_helpers is not None and not has_court:
             start_helpers(before)
+        if result_listener is not None:
+            result_listener(graph, before)
         if "report" not in before:
             return
         publish_files(before, folder)

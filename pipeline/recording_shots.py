@@ -151,6 +151,11 @@ def read_recording_shot(
     return ClipShot(_read_recording(clip, options, cache, watcher, unchanged)[1], number, *span, unchanged)
 
 
+def read_whole_clip(clip: Path, options: RunOptions, cache: ResultCache, watcher: RunWatcher) -> Clip:
+    """Read a clip, with the frame rate of its corrections; raises TruerollError."""
+    return _read_recording(clip, options, cache, watcher, make_change_check(clip))[1]
+
+
 def _read_recording(
     clip: Path,
     options: RunOptions,

@@ -17,7 +17,7 @@ from models.estimation.gap_scenes.gap_scene import GapScene
 from models.estimation.gap_scenes.simulator_scene import SimulatorScene, build_simulator_scene
 from models.numerics.executor import SERIAL, Executor
 from models.physics.mechanisms.mechanism_catalogue import MECHANISM_EFFECTS
-from pipeline.io.simulators.mechanism_recordings import read_mechanism_shots
+from pipeline.io.simulators.mechanism_recordings import MechanismShots, read_mechanism_shots
 from pipeline.io.simulators.pooltool_simulator import open_pooltool
 from pipeline.reporting.text.gap_sentences import format_error_size, name_runs
 
@@ -34,7 +34,7 @@ def diagnose_mechanism(
     seed: int = 0,
     on_progress: ProgressCallback = ignore_progress,
     executor: Executor = SERIAL,
-) -> tuple[DiagnosisReport, dict[int, str]]:
+) -> tuple[DiagnosisReport, dict[int, str], MechanismShots]:
     """Diagnose a simulator from outside.
 
     Args:
@@ -45,7 +45,7 @@ def diagnose_mechanism(
         executor: Distributes the fits over processes.
 
     Returns:
-        The report, with wrong coefficients of the simulator in its notes, and the origin of each shot.
+        The report, with wrong coefficients of the simulator in its notes, the origin of each shot, and the shots.
 
     Raises:
         OptionError: The simulator or a recording cannot be used.
@@ -63,7 +63,7 @@ def diagnose_mechanism(
         return name_runs(report.scene, text)
 
     worded = replace(report, notes=tuple(map(say, notes)), film_next=say(report.film_next), reason=say(report.reason))
-    return worded, {shot: say(name) for shot, name in origins.items()}
+    return worded, {shot: say(name) for shot, name in origins.items()}, shots
 
 
 # Attributes of a joint of MuJoCo that hold the strengths of an effect, in their order.

@@ -22,6 +22,7 @@ ROOT = Path(__file__).resolve().parent.parent
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 CLIP = "sample_videos/overhead_pool.mp4"
 COMMANDS = {
+    "app": "app --no-browser",
     "check CLIP": f"check {CLIP}",
     "run CLIP": f"run {CLIP} -o out/overhead_pool",
     "batch FOLDER": "batch clips -o out/batch --no-video",
@@ -49,7 +50,7 @@ COMMANDS = {
 """By its entry in README's table: an invocation with little work, in an order in which each finds what it reads."""
 SHOTS = 4
 """Number of shots that teach a table; they have the least number of cushion contacts, and some more."""
-SERVING = {"view CLIP|DIR", "edit DIR"}
+SERVING = {"app", "view CLIP|DIR", "edit DIR"}
 """Commands that serve a page until they are interrupted."""
 NEED_EXTRAS = {"train-detector", "reproduce", "gapcheck"}
 """Commands that may name an extra before any work; the others work with what `make run` installs."""

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import json
 import time
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from benchmarks.court_cases.court_clips import CourtTruth
-from models.core.court_camera import CourtCamera
+from models.core.court_camera import CourtCamera, CourtScene
 from models.core.errors import ClipError
 from models.core.progress import ignore_progress
 from models.core.rally import BallCandidates, Rally
 from models.core.typing import FloatArray
+from models.estimation.rally.explain_rally import explain_rally
+from models.estimation.rally.landing_judgement import judge_landing
 from video.io.clip import open_clip
 
 # px, noise of candidates that are made from the truth.
@@ -39,8 +42,6 @@ def answer_case(truth: CourtTruth, oracles: frozenset[str], refresh: bool = Fals
 
 def _run_program(truth: CourtTruth, oracles: frozenset[str]) -> dict[str, Any]:
     from detectors.flying.find_candidates import find_candidates
-    from models.estimation.rally.explain_rally import explain_rally
-    from models.estimation.rally.landing_judgement import judge_landing
     from video.calibration.court_finder import locate_court
 
     clip = open_clip(truth.folder / "clip.mp4")
@@ -55,6 +56,13 @@ def _run_program(truth: CourtTruth, oracles: frozenset[str]) -> dict[str, Any]:
     rally = explain_rally(scene, found, frame, clip.times_of(frame), ignore_progress)
     seconds["rally"] = time.process_time() - cpu - seconds["court"] - seconds["candidates"]
     seconds["wall"] = time.perf_counter() - start
+    return _describe_answer(truth, scene, found, rally, seconds)
+
+
+def _describe_answer(
+    truth: CourtTruth, scene: CourtScene, found: BallCandidates, rally: Rally, seconds: dict[str, float]
+) -> dict[str, Any]:
+    """Return what the program states about a clip, for JSON."""
     call = judge_landing(rally)
     return {
         "error": "", "seconds": seconds, "line_error": compare_lines(truth, scene.camera),
@@ -84,15 +92,48 @@ def describe_rally(rally: Rally) -> dict[str, Any]:
     return {"frame": rally.frame.tolist(), "px": rally.px.round(3).tolist(), "events": events, "landings": landings}
 
 
-def make_candidates(truth: CourtTruth) -> BallCandidates:
-    """Make the candidates of a perfect detector with noise: one where the object is visible."""
+@dataclass(frozen=True, slots=True)
+class Impairment:
+    """What a detector that knows the truth does wrong."""
+
+    missing: float = 0.0
+    """Share of the frames that show the object in which it is missed."""
+    clutter: float = 0.0
+    """Mean number of false candidates per frame: half of them on players, half anywhere."""
+
+
+def make_candidates(truth: CourtTruth, impairment: Impairment = Impairment()) -> BallCandidates:
+    """Make the candidates of a detector with noise that knows where the object is visible."""
     rng = np.random.default_rng(0)
-    row = np.flatnonzero(truth.columns["is_visible"])
-    centre = truth.columns["px"][row] + rng.normal(0, ORACLE_NOISE, (len(row), 2))
-    sigma = np.full(len(row), ORACLE_NOISE)
-    boxes = truth.columns["players"]
+    columns, camera = truth.columns, truth.scene.camera
+    row = np.flatnonzero(columns["is_visible"] & (rng.random(len(columns["t"])) >= impairment.missing))
+    centre = columns["px"][row] + rng.normal(0, ORACLE_NOISE, (len(row), 2))
+    streak, score = columns["streak"][row], np.full(len(row), 0.95)
+    boxes = columns["players"]
     players = np.concatenate([np.column_stack([np.full(boxes.shape[1], k), boxes[k]]) for k in range(len(boxes))])
-    return BallCandidates(row, centre, truth.columns["streak"][row], np.full(len(row), 0.95), sigma, sigma, players)
+    if impairment.clutter:
+        where = np.repeat(np.arange(len(boxes)), rng.poisson(impairment.clutter, len(boxes)))
+        # a limb or a racket is seen at the same share of its player's box for a while
+        spots = np.cumsum(rng.normal(0, 0.05, (len(boxes), 2)), axis=0) + rng.random(2)
+        box = boxes[where, rng.integers(boxes.shape[1], size=len(where))]
+        share = np.where(rng.random((len(where), 1)) < 0.5, spots[where] % 1, rng.random((len(where), 2)))
+        on_body = box[:, :2] + share * (box[:, 2:] - box[:, :2])
+        anywhere = rng.random((len(where), 2)) * [camera.width_px, camera.height_px]
+        false = np.where(rng.random((len(where), 1)) < 0.5, on_body, anywhere)
+        row, centre = np.append(row, where), np.concatenate([centre, false])
+        streak = np.concatenate([streak, rng.normal(0, 3, (len(where), 2))])
+        score = np.append(score, rng.beta(1, 4, len(where)))
+    order = np.argsort(row, kind="stable")
+    sigma = np.full(len(row), ORACLE_NOISE)
+    return BallCandidates(row[order], centre[order], streak[order], score[order], sigma, sigma, players)
+
+
+def answer_truth(truth: CourtTruth, impairment: Impairment) -> dict[str, Any]:
+    """Explain the candidates of a detector that knows the truth, under the true camera."""
+    cpu, frame = time.process_time(), np.arange(len(truth.columns["t"]))
+    found = make_candidates(truth, impairment)
+    rally = explain_rally(truth.scene, found, frame, truth.columns["t"], ignore_progress)
+    return _describe_answer(truth, truth.scene, found, rally, {"rally": time.process_time() - cpu})
 
 
 def compare_lines(truth: CourtTruth, camera: CourtCamera) -> float:

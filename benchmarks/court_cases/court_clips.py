@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,10 @@ import numpy as np
 from models.core.court_camera import CourtCamera, CourtScene
 from models.core.typing import FloatArray
 from models.sports.sport_catalogue import find_sports
-from video.rendering.court_scene import View, read_rally
-from video.rendering.rally_clips import simulate_rallies, write_rally_clip
+from video.rendering.court_players import pose_player
+from video.rendering.court_renderer import FrameTruth, locate_object
+from video.rendering.court_scene import CourtLook, RallyPath, View, read_rally
+from video.rendering.rally_clips import collect_truth, film_rally, simulate_rallies, write_rally_clip, write_truth
 
 # Turns of views and rates over the rallies of a sport; their numbers share no divisor.
 VIEWS: tuple[View, ...] = ("broadcast", "broadcast", "phone")
@@ -47,6 +50,11 @@ class CourtCase:
     def name(self) -> str:
         return f"{self.sport}_{self.seed}_{self.number:03d}"
 
+    @property
+    def draw(self) -> int:
+        """Seed of all that is drawn for this case."""
+        return int(np.random.SeedSequence([self.seed, self.number, len(self.sport)]).generate_state(1)[0])
+
 
 @dataclass(frozen=True)
 class CourtTruth:
@@ -66,10 +74,52 @@ def render_case(case: CourtCase, folder: Path) -> Path:
     """Render a case below a folder, unless it is there; returns its folder."""
     target = folder / case.name
     if not (target / "truth.json").exists():
-        seed = int(np.random.SeedSequence([case.seed, case.number, len(case.sport)]).generate_state(1)[0])
-        (path,) = simulate_rallies(case.sport, seed, 1, target / "rally", strokes=case.strokes)
-        write_rally_clip(target, read_rally(path), case.view, case.fps, seed, case.size)
+        (path,) = simulate_rallies(case.sport, case.draw, 1, target / "rally", strokes=case.strokes)
+        write_rally_clip(target, read_rally(path), case.view, case.fps, case.draw, case.size)
     return target
+
+
+def film_case(case: CourtCase, folder: Path) -> Path:
+    """Write the truth of a case below a folder, unless it is there, without its clip; returns its folder."""
+    target = folder / f"{case.name}_truth"
+    if not (target / "truth.json").exists():
+        (path,) = simulate_rallies(case.sport, case.draw, 1, target / "rally", strokes=case.strokes)
+        rally, rate = read_rally(path), Fraction(case.fps)
+        span = (float(rally.t[0]), float(rally.t[-1]))
+        camera, look, t = film_rally(np.random.default_rng(case.draw), rally, case.view, rate, case.size, span)
+        shown = [_see_frame(rally, camera, look, t, k) for k in range(len(t))]
+        write_truth(target, collect_truth(rally, camera, look, rate, t, shown), case.view)
+    return target
+
+
+def _see_frame(rally: RallyPath, camera: CourtCamera, look: CourtLook, t: FloatArray, k: int) -> FrameTruth:
+    """Find where the object and the players are in a frame, and whether a body, the table or the edge hides it."""
+    frame = None if camera.motion is None else k
+    places, px, radius = locate_object(rally, camera, look, float(t[k]), frame)
+    at, depth = px[1], float(np.linalg.norm(places[1] - camera.centre))
+    is_shown = bool(np.isfinite(px).all() and (at > 0).all() and (at < [camera.width_px, camera.height_px]).all())
+    boxes = []
+    for player, outfit in enumerate(look.outfits[: len(rally.feet)]):
+        body, head = pose_player(rally, player, outfit, float(t[k]))
+        ends = np.array([[part.a, part.b] for part in body])
+        sizes = np.array([[part.radius_a, part.radius_b] for part in body])
+        spots = camera.to_pixels(ends, frame)
+        away = np.linalg.norm(ends - camera.centre, axis=-1)
+        sizes_px = sizes * float(np.exp(camera.parameters[6])) / away
+        rim = camera.to_pixels(np.stack([head.centre + head.axes[0], head.centre - head.axes[0]]), frame)
+        ends_px = [(spots + sign * sizes_px[..., None]).reshape(-1, 2) for sign in (-1, 1)]
+        outline = np.concatenate([*ends_px, rim])
+        boxes.append(np.concatenate([np.nanmin(outline, axis=0), np.nanmax(outline, axis=0)]))
+        along = spots[:, 1] - spots[:, 0]
+        share = np.clip(((at - spots[:, 0]) * along).sum(1) / np.maximum((along**2).sum(1), 1e-9), 0, 1)
+        off = np.linalg.norm(spots[:, 0] + share[:, None] * along - at, axis=1)
+        is_shown &= not bool(((off < sizes_px.max(axis=1)) & (away.mean(axis=1) < depth)).any())
+    sport, eye = rally.sport, camera.centre
+    if sport.floor < 0 and places[1, 2] < 0:
+        over = eye + eye[2] / (eye[2] - places[1, 2]) * (places[1] - eye)
+        is_shown &= not bool((over[:2] > 0).all() and (over[:2] < [sport.length, sport.width]).all())
+    shown = np.array([float(is_shown)])
+    return FrameTruth(at[None], (px[2] - px[0])[None], np.array([radius]), shown, 255 * shown, np.array(boxes))
 
 
 def read_truth(folder: Path) -> CourtTruth:

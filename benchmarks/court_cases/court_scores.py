@@ -31,6 +31,10 @@ class RallyScore:
     found: int = 0
     candidate: int = 0
     """Visible frames with a candidate that is the object."""
+    stated: list[float] = field(default_factory=list)
+    """Probabilities of all candidates."""
+    is_own: list[bool] = field(default_factory=list)
+    """Whether each of them is the object."""
     frames: int = 0
     false: int = 0
     refused: int = 0
@@ -106,6 +110,7 @@ def _score_places(truth: CourtTruth, answer: dict[str, Any]) -> dict[str, Any]:
     hit = np.zeros(len(is_visible), bool)
     hit[frame[close]] = True
     return {
+        "stated": answer["candidates"]["score"], "is_own": close.tolist(),
         "visible": int(is_visible.sum()), "found": int(near.sum()), "candidate": int((hit & is_visible).sum()),
         "frames": len(is_visible), "false": int(false.sum()), "off_px": off[near].tolist(),
     }  # fmt: skip
@@ -169,7 +174,7 @@ def is_hit(event: dict[str, Any]) -> bool:
 def _score_landing(truth: CourtTruth, answer: dict[str, Any]) -> dict[str, Any]:
     ending = truth.stated["ending"]
     place = np.array(ending["place"])
-    least = bound_landing(truth)
+    least = _keep_bound(truth)
     score: dict[str, Any] = {"bound": [] if least is None else draw_errors(least)}
     best = answer["landings"][0] if answer["landings"] else None
     if best is None:
@@ -186,6 +191,16 @@ def _score_landing(truth: CourtTruth, answer: dict[str, Any]) -> dict[str, Any]:
         else:
             score["close_right" if (call["in"] > call["out"]) == ending["is_in"] else "close_wrong"] = 1
     return score
+
+
+def _keep_bound(truth: CourtTruth) -> FloatArray | None:
+    """Return the bound of a landing, which is stored beside the truth: it takes longer than the inference."""
+    path = truth.folder / "bound.npy"
+    if not path.exists():
+        least = bound_landing(truth)
+        np.save(path, np.empty((0, 2)) if least is None else least)
+    stored = np.load(path)
+    return stored if len(stored) else None
 
 
 def draw_errors(covariance: FloatArray) -> list[float]:

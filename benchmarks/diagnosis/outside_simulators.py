@@ -315,7 +315,7 @@ def run_case(
             name, truth, noise, "", "", float("nan"), float("nan"), *score_law(own, foreign),
             time.process_time() - start,
         )  # fmt: skip
-    report, _ = diagnose_mechanism([real], str(simulator), seed)
+    report = diagnose_mechanism([real], str(simulator), seed)[0]
     seconds = time.process_time() - start
     names = report.effects or (report.candidates[0].group if report.verdict == "group" else ())
     return OutsideRow(

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from detectors.flying.frame_windows import FrameWindow, list_windows
-from detectors.flying.motion_spots import find_spots, map_lone_change
+from detectors.flying.motion_spots import find_window_spots
 from detectors.flying.moving_people import PeopleFinder
-from detectors.flying.object_size import choose_scale, is_inside, outline_of_play
+from detectors.flying.object_size import choose_scale, outline_of_play
 from detectors.flying.spot_network import SpotJudgement, judge_spots
 from models.core.court_camera import CourtScene
 from models.core.progress import Progress, ignore_progress
@@ -15,8 +15,6 @@ from models.core.rally import BallCandidates
 from models.core.typing import BoolArray, FloatArray
 from video.io.clip import Clip
 
-# Spots of a frame that are judged: the object is among them where it can be told from noise.
-SPOTS_PER_FRAME = 40
 # Probability below which a spot is no candidate: of several hundred such spots one is the object.
 LEAST_SCORE = 0.003
 # Working px within which two candidates are one, besides half their streaks.
@@ -60,11 +58,7 @@ def find_candidates(clip: Clip, scene: CourtScene, progress: Progress = ignore_p
 
 def _judge_frame(window: FrameWindow, scene: CourtScene, scale: float) -> FloatArray:
     """Find the candidates (K, 8) of a frame: frame, centre, streak, score, and sigma across and along."""
-    outline = outline_of_play(scene.sport, scene.camera, window.frame)
-    spots = find_spots(map_lone_change(window))
-    px = np.asarray((spots.place + 0.5) / scale - 0.5, np.float64)
-    place = spots.place[is_inside(outline, px)][:SPOTS_PER_FRAME]
-    judged = judge_spots(window, place)
+    judged = judge_spots(window, find_window_spots(window, outline_of_play(scene, scale, window.frame)))
     best = np.flatnonzero(_select_places(judged))
     best = best[np.argsort(-judged.score[best], kind="stable")]
     return np.column_stack(

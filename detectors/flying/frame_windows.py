@@ -10,27 +10,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.court_camera import CourtCamera
+from models.core.scene import apply_homography
 from models.core.typing import ByteArray, FloatArray
 from video.io.clip import Clip, read_frames
 
 # s from a frame to its neighbours, about: at higher frame rates a slow object would cover its own place.
 NEIGHBOUR_S = 1 / 30
+# s to its far neighbours: at the top of its arc an object falls by 14 cm in it, more than the size of any.
+FAR_S = 1 / 6
+# Images of a window: of the frame, its two neighbours and its far neighbour on either side.
+WINDOW, MIDDLE_IMAGE = 7, 3
+# Those that are moved onto the frame where the camera moves.
+ALIGNED = (0, 2, 4, 6)
 # px by which the camera may move between neighbours without being followed: less than coding moves edges.
 STILL_PX = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class FrameWindow:
-    """A frame and its neighbours at steps of about `NEIGHBOUR_S`, in working px: luma, reduced by a scale."""
+    """A frame, its neighbours at steps of about `NEIGHBOUR_S`, and its far neighbours, in working px: reduced luma."""
 
     frame: int
     """Index in the file."""
-    images: tuple[ByteArray, ByteArray, ByteArray, ByteArray, ByteArray]
-    """(H, W) each, in the order of time; at the ends of a view, neighbours of the other side replace missing ones. The
-    second and the fourth show the places of the third, the frame itself.
+    images: tuple[ByteArray, ...]
+    """Seven (H, W), in the order of time; at the ends of a view, neighbours of the other side replace missing ones.
+    The nearest and the far ones show the places of the fourth, the frame itself.
     """
     shifts: FloatArray
-    """(5, 3, 3) homographies from px of the frame to those of each image."""
+    """(7, 3, 3) homographies from px of the frame to those of each image."""
 
 
 def list_windows(clip: Clip, camera: CourtCamera, scale: float) -> Iterator[FrameWindow]:
@@ -65,20 +72,20 @@ def soften_image(image: ByteArray) -> ByteArray:
 
 
 def align_window(frame: int, images: list[ByteArray], shifts: FloatArray) -> FrameWindow:
-    """Move the two nearest neighbours of a frame onto it.
+    """Move the nearest and the far neighbours of a frame onto it.
 
     Args:
         frame: Its index in the file.
-        images: Five images (H, W) in the order of time.
-        shifts: (5, 3, 3) homographies from px of the frame to those of each image.
+        images: Seven images (H, W) in the order of time.
+        shifts: (7, 3, 3) homographies from px of the frame to those of each image.
 
     Returns:
         The window.
     """
-    height, width = images[2].shape
+    height, width = images[MIDDLE_IMAGE].shape
     corners = np.array([[0, 0, 1], [width, 0, 1], [width, height, 1], [0, height, 1.0]])
     shifts, shown = shifts.copy(), list(images)
-    for k in (1, 3):
+    for k in ALIGNED:
         moved = corners @ shifts[k].T
         if np.abs(moved[:, :2] / moved[:, 2:] - corners[:, :2]).max() > STILL_PX:
             flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
@@ -86,43 +93,52 @@ def align_window(frame: int, images: list[ByteArray], shifts: FloatArray) -> Fra
                 images[k], shifts[k], (width, height), flags=flags, borderMode=cv2.BORDER_REPLICATE
             )
         shifts[k] = np.eye(3)
-    return FrameWindow(frame, (shown[0], shown[1], shown[2], shown[3], shown[4]), shifts)
+    return FrameWindow(frame, tuple(shown), shifts)
 
 
-def choose_lag(t: FloatArray) -> int:
-    """Choose by how many frames of times (T,), s, neighbours are apart."""
-    return max(1, round(NEIGHBOUR_S / float(np.median(np.diff(t)))))
+def choose_lags(t: FloatArray) -> tuple[int, int]:
+    """Choose by how many frames of times (T,), s, neighbours and far neighbours are away from a frame."""
+    interval = float(np.median(np.diff(t)))
+    lag = max(1, round(NEIGHBOUR_S / interval))
+    return lag, max(2 * lag + 1, round(FAR_S / interval))
 
 
-def neighbours_of(k: int, first: int, stop: int, lag: int) -> NDArray[np.int64]:
-    """List the rows (5,) of a frame and its neighbours within a view, which contains rows `first` to `stop` - 1."""
+def neighbours_of(k: int, first: int, stop: int, lags: tuple[int, int]) -> NDArray[np.int64]:
+    """List the rows (7,) of a frame and its neighbours within a view, which contains rows `first` to `stop` - 1."""
+    lag, far = lags
     before, after = k - lag >= first, k + lag < stop
-    steps = np.array([-2, -1, 0, 1, 2]) * lag
+    steps = np.array([-far, -2 * lag, -lag, 0, lag, 2 * lag, far])
     if not before:
-        steps[:2] = -steps[[0, 0]]
+        steps[1:3] = 2 * lag
     if not after:
-        steps[3:] = -steps[[4, 4]]
+        steps[4:6] = -2 * lag
     rows = k + steps
     rows = np.where((rows < first) | (rows >= stop), k - steps, rows)
     return np.asarray(np.clip(rows, first, stop - 1))
 
 
 def _find_neighbours(clip: Clip) -> NDArray[np.int64]:
-    """List the rows (D, 5) of each distinct frame and its neighbours among the distinct frames."""
+    """List the rows (D, 7) of each distinct frame and its neighbours among the distinct frames."""
     frames = clip.distinct_frames
-    lag = choose_lag(clip.times_of(frames))
+    lags = choose_lags(clip.times_of(frames))
     starts = np.searchsorted(frames, clip.views[:, 0]) if len(clip.views) else np.array([0])
     starts = np.unique(np.concatenate([[0], starts[starts < len(frames)]]))
     stops = np.append(starts[1:], len(frames))
     which = np.searchsorted(starts, np.arange(len(frames)), side="right") - 1
-    return np.array([neighbours_of(k, starts[v], stops[v], lag) for k, v in enumerate(which)])
+    return np.array([neighbours_of(k, starts[v], stops[v], lags) for k, v in enumerate(which)])
 
 
 def find_shifts(camera: CourtCamera, frames: NDArray[np.int64], scale: float) -> FloatArray:
-    """Compute the homographies (5, 3, 3) from working px of the third of five frames (5,) to those of each."""
+    """Compute the homographies (7, 3, 3) from working px of the fourth of seven frames (7,) to those of each.
+
+    They are fitted to a grid of places that the camera's motion and its lens move.
+    """
     motion = camera.motion_of(frames)
     if motion is None:
-        return np.repeat(np.eye(3)[None], 5, axis=0)
-    shrink = np.array([[scale, 0, 0.5 * scale - 0.5], [0, scale, 0.5 * scale - 0.5], [0, 0, 1]])
-    moved = shrink @ motion @ np.linalg.inv(motion[2]) @ np.linalg.inv(shrink)
-    return np.asarray(moved / moved[:, 2:, 2:])
+        return np.repeat(np.eye(3)[None], WINDOW, axis=0)
+    share = np.stack(np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 1, 4)), axis=-1).reshape(-1, 2)
+    seen = share * [camera.width_px - 1, camera.height_px - 1]
+    flat = apply_homography(np.linalg.inv(motion[MIDDLE_IMAGE]), camera.undistort(seen))
+    moved = camera.distort(apply_homography(motion[:, None], flat))
+    shrunk = [(places + 0.5) * scale - 0.5 for places in (seen, *moved)]
+    return np.array([cv2.findHomography(shrunk[0], places)[0] for places in shrunk[1:]])

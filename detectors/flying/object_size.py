@@ -7,7 +7,6 @@ from itertools import product
 import cv2
 import numpy as np
 
-from models.core.court import Sport
 from models.core.court_camera import CourtCamera, CourtScene
 from models.core.typing import BoolArray, FloatArray
 
@@ -30,24 +29,26 @@ def apparent_size(camera: CourtCamera, place: FloatArray, size: float) -> float:
     return float(np.linalg.norm(ends[1] - ends[0]))
 
 
-def outline_of_play(sport: Sport, camera: CourtCamera, frame: int) -> FloatArray | None:
+def outline_of_play(scene: CourtScene, scale: float, frame: int) -> FloatArray | None:
     """Outline the part of a frame in which the object can be seen.
 
     Args:
-        sport: Court and its surroundings.
+        scene: Court and camera.
+        scale: Working px per px.
         frame: Index of the frame in the file.
 
     Returns:
-        (V, 2) px, corners of a convex polygon; None where part of the space of play is behind the camera.
+        (V, 2) working px, corners of a convex polygon; None where part of the space of play is behind the camera.
     """
+    sport = scene.sport
     behind, beside = sport.surroundings
     box = product(
         (-behind, sport.length + behind), (-beside, sport.width + beside), (sport.floor, sport.floor + CEILING)
     )
-    corners = camera.to_pixels(np.array(list(box)), frame)
+    corners = scene.camera.to_pixels(np.array(list(box)), frame)
     if not np.isfinite(corners).all():
         return None
-    return np.asarray(cv2.convexHull(corners.astype(np.float32))[:, 0], np.float64)
+    return np.asarray(cv2.convexHull(((corners + 0.5) * scale - 0.5).astype(np.float32))[:, 0], np.float64)
 
 
 def is_inside(outline: FloatArray | None, px: FloatArray) -> BoolArray:

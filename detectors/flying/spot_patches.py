@@ -9,8 +9,8 @@ from detectors.flying.frame_windows import FrameWindow
 from models.core.scene import apply_homography
 from models.core.typing import ByteArray, FloatArray, IntArray
 
-# Side of a patch, px, and its layers: five frames, and three of them reduced to half.
-PATCH_PX, LAYERS = 32, 8
+# Side of a patch, px, and its layers: seven frames, and three of them reduced to half.
+PATCH_PX, LAYERS = 32, 10
 # px of a patch before its spot.
 MIDDLE = PATCH_PX // 2
 
@@ -23,11 +23,11 @@ def cut_patches(window: FrameWindow, place: IntArray) -> ByteArray:
         place: (K, 2) x and y, working px.
 
     Returns:
-        (K, 8, 32, 32): the five images in px, then the frame's nearest neighbours and itself in steps of two px, in the
+        (K, 10, 32, 32): the seven images in px, then the frame and its nearest neighbours in steps of two px, in the
         order of time; the spot is at (16, 16), and at the px of (16, 16) of the reduced ones.
     """
     layers = [_gather(image, _follow(shift, place)) for image, shift in zip(window.images, window.shifts, strict=True)]
-    for image in window.images[1:4]:
+    for image in window.images[2:5]:
         half = cv2.resize(image, (image.shape[1] // 2, image.shape[0] // 2), interpolation=cv2.INTER_AREA)
         layers.append(_gather(np.asarray(half, np.uint8), place // 2))
     return np.stack(layers, axis=1)

@@ -1,4 +1,4 @@
-"""Samples of the flying-object network, with their truth: random films train it, rendered rallies only check it."""
+"""Samples of the flying-object network with their truth, from random films and from rendered rallies."""
 
 from __future__ import annotations
 
@@ -13,31 +13,34 @@ import numpy as np
 from detectors.flying.frame_windows import (
     FrameWindow,
     align_window,
-    choose_lag,
+    choose_lags,
     find_shifts,
     neighbours_of,
     reduce_image,
     soften_image,
 )
-from detectors.flying.motion_spots import find_spots, map_lone_change
-from detectors.flying.object_size import choose_scale, is_inside, outline_of_play
-from detectors.flying.spot_patches import LAYERS, MIDDLE, PATCH_PX, cut_patches
+from detectors.flying.motion_spots import find_window_spots
+from detectors.flying.object_size import choose_scale, outline_of_play
+from detectors.flying.spot_patches import LAYERS, PATCH_PX, cut_patches
 from detectors.training.flying_scenes import FlyingFilm, draw_film
 from models.core.court_camera import CourtScene
 from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from models.sports.sport_catalogue import find_sports
-from video.rendering.rally_clips import RallyClip, generate_rally_clips, simulate_rallies
+from video.rendering.rally_clips import RallyClip, generate_rally_clips, is_object_visible, simulate_rallies
 
-# Films in a file.
-FILMS_PER_FILE = 60
-# Spots of a frame that are looked at, and those of them without the object that become samples.
-SPOTS_PER_FRAME, NEGATIVES_PER_FRAME = 40, 10
+# Films in a file, and by how many of their frames near and far neighbours are away.
+FILMS_PER_FILE, FILM_LAGS = 60, (1, 4)
+# Spots of a frame without the object that become samples of a training.
+NEGATIVES_PER_FRAME = 12
 # Share of the object that must be seen, and px by which a spot may be beside it and still be its own.
 LEAST_VISIBLE, OWN_PX = 0.4, 4.0
-# px beside the streak up to which a spot is neither the object nor something else.
-UNCLEAR_PX = 9.0
-# Rallies, clips and frames of a clip in a file of rallies, for each sport, and the offset of the files' seeds.
-RALLIES, CLIPS, CLIP_FRAMES, SEED = 3, 4, 24, 9_100_000
+# px beside the streak up to which a spot is neither the object nor something else, and those along each axis of the
+# image from which the reduced layers of a patch show the whole of most streaks.
+UNCLEAR_PX, LARGEST_OFF_PX = 9.0, 26.0
+# Rallies and clips of each sport in a file of rallies, s of a clip, and further objects in a training clip.
+RALLIES, CLIPS, CLIP_S, OTHERS = 4, 4, 0.8, 9
+# Offsets of the seeds of files that train, and of those that check.
+TRAINING_SEED, HOLD_OUT_SEED = 8_100_000, 9_100_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +48,7 @@ class FlyingShard:
     """N spots."""
 
     patches: ByteArray
-    """(N, 8, 32, 32) as in `cut_patches`."""
+    """(N, 10, 32, 32) as in `cut_patches`."""
     truth: Float32Array
     """(N, 5) whether it is the object, its place from the spot, and its streak, px."""
 
@@ -54,11 +57,16 @@ class FlyingShard:
 
 
 def prepare_flying_file(folder: Path, number: int) -> Path:
-    """Draw the films of a file and cut their spots, unless it exists; its number determines them."""
+    """Make a file of samples to train on, unless it exists; its number determines them.
+
+    Rendered rallies show the object among players and nets, random films in a greater variety: files alternate.
+    """
+    if number % 2 == 0:
+        return prepare_rally_file(folder, number)
     path = folder / f"flying-{number:05d}.npz"
     if not path.exists():
         rng = np.random.default_rng(number)
-        write_flying_file(path, [cut_samples(rng, draw_film(rng), NEGATIVES_PER_FRAME) for _ in range(FILMS_PER_FILE)])
+        write_flying_file(path, [cut_film_samples(rng, draw_film(rng)) for _ in range(FILMS_PER_FILE)])
     return path
 
 
@@ -77,22 +85,54 @@ def read_flying_file(path: Path) -> FlyingShard:
         return FlyingShard(arrays["patches"], arrays["truth"])
 
 
-def cut_samples(rng: np.random.Generator, film: FlyingFilm, negatives: int) -> FlyingShard:
-    """Cut the spots of the inner frames of a film; at most so many of each frame that are not the object."""
-    patches, truth = [np.empty((0, LAYERS, PATCH_PX, PATCH_PX), np.uint8)], [np.empty((0, 5))]
-    for k in range(2, len(film.luma) - 2):
-        window = _window_of(film, k)
-        place = find_spots(map_lone_change(window)).place[:SPOTS_PER_FRAME]
-        truths = zip(film.centre[k], film.streak[k], film.visible[k], strict=True)
-        judged = [judge_spots(place, *truth_of_one) for truth_of_one in truths]
-        own, clear = np.array([j[0] for j in judged]), np.array([j[1] for j in judged])
-        others = rng.permutation(np.flatnonzero(~own.any(axis=0) & clear.all(axis=0)))[:negatives]
-        chosen = np.concatenate([np.flatnonzero(own.any(axis=0)), others])
-        which = np.argmax(own, axis=0)
-        rows = np.column_stack([own.any(axis=0), film.centre[k][which] - place, film.streak[k][which]])
-        patches.append(cut_patches(window, place[chosen]))
-        truth.append(rows[chosen])
-    return FlyingShard(np.concatenate(patches), np.concatenate(truth).astype(np.float32))
+def cut_film_samples(rng: np.random.Generator, film: FlyingFilm) -> FlyingShard:
+    """Cut spots of the frames of a random film."""
+    is_still = np.array_equal(film.shifts[0], film.shifts[-1])
+    images = [image if is_still else soften_image(image) for image in film.luma]
+    shards = []
+    for k in range(2, len(images) - 2):
+        around = neighbours_of(k, 0, len(images), FILM_LAGS)
+        window = align_window(k, [images[i] for i in around], film.shifts[around] @ np.linalg.inv(film.shifts[k]))
+        place = find_window_spots(window, None)
+        shards.append(cut_samples(window, place, film.centre[k], film.streak[k], film.visible[k], rng))
+    return join_shards(shards)
+
+
+def cut_samples(
+    window: FrameWindow, place: IntArray, centre: FloatArray, streak: FloatArray, visible: FloatArray,
+    rng: np.random.Generator | None = None,
+) -> FlyingShard:  # fmt: skip
+    """Cut the clear spots of a frame, with generator only `NEGATIVES_PER_FRAME` of those without an object.
+
+    Args:
+        window: The frame and its neighbours.
+        place: (K, 2) spots.
+        centre: (N, 2) working px, the objects.
+        streak: (N, 2) working px.
+        visible: (N,) share of each that is seen.
+        rng: Chooses spots without an object.
+    """
+    judged = [judge_spots(place, *truth) for truth in zip(centre, streak, visible, strict=True)]
+    own, clear = np.array([j[0] for j in judged]), np.array([j[1] for j in judged])
+    is_own, is_clear = own.any(axis=0), clear.all(axis=0)
+    empty = np.flatnonzero(~is_own & is_clear)
+    if rng is not None:
+        empty = rng.permutation(empty)[:NEGATIVES_PER_FRAME]
+    chosen = np.concatenate([np.flatnonzero(is_own), empty])
+    # Of overlapping streaks the one with the nearer centre.
+    off = np.where(own, np.linalg.norm(centre[:, None] - place, axis=2), np.inf)
+    which = np.argmin(off, axis=0)
+    rows = np.column_stack([is_own, centre[which] - place, streak[which]])
+    return FlyingShard(cut_patches(window, place[chosen]), rows[chosen].astype(np.float32))
+
+
+def join_shards(shards: list[FlyingShard]) -> FlyingShard:
+    """Join shards to one."""
+    patches, truth = [np.empty((0, LAYERS, PATCH_PX, PATCH_PX), np.uint8)], [np.empty((0, 5), np.float32)]
+    return FlyingShard(
+        np.concatenate(patches + [shard.patches for shard in shards]),
+        np.concatenate(truth + [shard.truth for shard in shards]),
+    )
 
 
 def judge_spots(place: IntArray, centre: FloatArray, streak: FloatArray, visible: float) -> tuple[BoolArray, BoolArray]:
@@ -102,52 +142,47 @@ def judge_spots(place: IntArray, centre: FloatArray, streak: FloatArray, visible
     along = streak / length if length else np.array([1.0, 0.0])
     beyond = np.maximum(np.abs(off @ along) - length / 2, 0.0)
     distance = np.hypot(beyond, off @ [-along[1], along[0]])
-    is_own = (distance < OWN_PX) & (np.abs(off).max(axis=1) < MIDDLE - 2) & (visible >= LEAST_VISIBLE)
-    is_clear = is_own | (distance > UNCLEAR_PX) | (visible == 0)
+    is_far = np.abs(off).max(axis=1) > LARGEST_OFF_PX
+    is_own = (distance < OWN_PX) & ~is_far & (visible >= LEAST_VISIBLE)
+    is_clear = is_own | (distance > UNCLEAR_PX) | is_far | (visible == 0)
     return is_own, is_clear
 
 
-def _window_of(film: FlyingFilm, k: int) -> FrameWindow:
-    """Align the frames about frame k of a film."""
-    around = slice(k - 2, k + 3)
-    shifts = film.shifts[around] @ np.linalg.inv(film.shifts[k])
-    is_still = np.array_equal(film.shifts[0], film.shifts[-1])
-    return align_window(k, [image if is_still else soften_image(image) for image in film.luma[around]], shifts)
+def prepare_rally_file(folder: Path, number: int, is_held_out: bool = False) -> Path:
+    """Render the rallies of a file and cut their spots, unless it exists; its number determines them.
 
-
-def prepare_rally_file(folder: Path, number: int) -> Path:
-    """Render the rallies of a file and cut their spots, unless it exists; its number determines them."""
-    path = folder / f"flying-rallies-{number:05d}.npz"
+    Held out files hold all spots of one object, as `find_candidates` judges them.
+    """
+    path = folder / f"{'held-out' if is_held_out else 'flying'}-rallies-{number:05d}.npz"
     if not path.exists():
         shards = []
         for k, sport in enumerate(sorted(find_sports())):
-            seed = SEED + 10 * number + k
-            rallies = simulate_rallies(sport, seed, RALLIES, folder / f"rallies-{number:05d}-{sport}")
-            clips = generate_rally_clips(np.random.default_rng(seed), rallies, CLIP_FRAMES)
-            shards += [cut_rally_samples(clip) for clip in islice(clips, CLIPS)]
+            seed = (HOLD_OUT_SEED if is_held_out else TRAINING_SEED) + 10 * number + k
+            rng = np.random.default_rng(seed)
+            rallies = simulate_rallies(sport, seed, RALLIES, path.with_suffix("") / sport)
+            clips = generate_rally_clips(rng, rallies, CLIP_S, others=0 if is_held_out else OTHERS)
+            shards += [cut_rally_samples(clip, None if is_held_out else rng) for clip in islice(clips, CLIPS)]
         write_flying_file(path, shards)
     return path
 
 
-def cut_rally_samples(clip: RallyClip) -> FlyingShard:
-    """Cut all clear spots of the inner frames of a rendered clip, as `find_candidates` judges them."""
+def cut_rally_samples(clip: RallyClip, rng: np.random.Generator | None) -> FlyingShard:
+    """Cut the clear spots of the frames of a rendered clip whose neighbours it shows, as `cut_samples` does."""
     truth = clip.truth
-    camera, sport = truth.camera, truth.rally.sport
-    scale = choose_scale(CourtScene(sport, camera, 0.0))
+    camera, scene = truth.camera, CourtScene(truth.rally.sport, truth.camera, 0.0)
+    scale = choose_scale(scene)
     images = [reduce_image(np.asarray(cv2.cvtColor(f, cv2.COLOR_RGB2GRAY), np.uint8), scale) for f in clip.frames]
     if camera.motion is not None:
         images = [soften_image(image) for image in images]
-    patches, rows = [], []
-    lag = choose_lag(truth.t)
-    for k in range(2 * lag, len(images) - 2 * lag):
-        around = neighbours_of(k, 0, len(images), lag)
+    own = np.column_stack([truth.px, truth.streak, truth.shown, truth.contrast])
+    objects = np.concatenate([own[:, None], truth.others.reshape(len(own), -1, 6)], axis=1)
+    (lag, far), shards = choose_lags(truth.t), []
+    for k in range(far, len(images) - far, lag):
+        around = neighbours_of(k, 0, len(images), (lag, far))
         window = align_window(k, [images[i] for i in around], find_shifts(camera, around, scale))
-        place = find_spots(map_lone_change(window)).place
-        px = np.asarray((place + 0.5) / scale - 0.5, np.float64)
-        place = place[is_inside(outline_of_play(sport, camera, k), px)][:SPOTS_PER_FRAME]
-        centre, streak = (truth.px[k] + 0.5) * scale - 0.5, truth.streak[k] * scale
-        is_own, is_clear = judge_spots(place, centre, streak, truth.shown[k] if truth.is_visible[k] else 0.1)
-        table = np.column_stack([is_own, centre - place, np.broadcast_to(streak, place.shape)])
-        patches.append(cut_patches(window, place)[is_clear])
-        rows.append(table[is_clear])
-    return FlyingShard(np.concatenate(patches), np.concatenate(rows).astype(np.float32))
+        place = find_window_spots(window, outline_of_play(scene, scale, k))
+        seen = objects[k][np.isfinite(objects[k]).all(axis=1)]
+        # What is hardly seen is neither the object nor something else.
+        visible = np.where(is_object_visible(seen[:, 4], seen[:, 5]), seen[:, 4], 0.1)
+        shards.append(cut_samples(window, place, (seen[:, :2] + 0.5) * scale - 0.5, seen[:, 2:4] * scale, visible, rng))
+    return join_shards(shards)

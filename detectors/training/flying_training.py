@@ -12,6 +12,7 @@ import torch
 from scipy.optimize import minimize
 from torch import Tensor, nn
 
+from detectors.flying.frame_windows import MIDDLE_IMAGE
 from detectors.flying.spot_network import COLUMNS, INPUT_NAME, OUTPUT_NAME, SCHEMA, streak_from_double_angle
 from detectors.flying.spot_patches import LAYERS, PATCH_PX
 from detectors.training.ball_evaluation import round_figures
@@ -45,7 +46,7 @@ CALIBRATION_FILE, FIGURES_FILE = 0, 1
 
 
 class FlyingNetwork(nn.Module):
-    """Patches (B, 8, 32, 32) of grey levels to (B, 7): logit, place, streak and log sigmas, see `COLUMNS`."""
+    """Patches (B, 10, 32, 32) of grey levels to (B, 7): logit, place, streak and log sigmas, see `COLUMNS`."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -70,8 +71,8 @@ class FlyingNetwork(nn.Module):
 
 
 def take_contrast(patches: Tensor) -> Tensor:
-    """Take the mean level of the frame and the spread about it out of patches (B, 8, 32, 32)."""
-    level = patches[:, 2:3].mean(dim=(2, 3), keepdim=True)
+    """Take the mean level of the frame and the spread about it out of patches (B, 10, 32, 32)."""
+    level = patches[:, MIDDLE_IMAGE : MIDDLE_IMAGE + 1].mean(dim=(2, 3), keepdim=True)
     spread = ((patches - level) ** 2).mean(dim=(1, 2, 3), keepdim=True).sqrt()
     return (patches - level) / (spread + LEAST_CONTRAST)
 
@@ -84,7 +85,7 @@ class ExportedFlyingNetwork(nn.Module):
         self.network, self.calibration = network.eval(), calibration
 
     def forward(self, patches: Tensor) -> Tensor:
-        """Map bytes (B, 8, 32, 32) to (B, 7)."""
+        """Map bytes (B, 10, 32, 32) to (B, 7)."""
         outputs = self.network(patches.to(torch.float32))
         score = torch.sigmoid(self.calibration.slope * outputs[:, :1] + self.calibration.offset)
         sigma = outputs[:, 5:].clamp(*LOG_SIGMA) + float(np.log(self.calibration.sigma_factor))
@@ -145,7 +146,7 @@ def vary_samples(
     patches[chosen] = patches[chosen].swapaxes(2, 3)
     truth[chosen] = truth[chosen][:, [0, 2, 1, 4, 3]]
     chosen = rng.random(len(patches)) < 0.5
-    patches[chosen] = patches[chosen][:, [4, 3, 2, 1, 0, 7, 6, 5]]
+    patches[chosen] = patches[chosen][:, [6, 5, 4, 3, 2, 1, 0, 9, 8, 7]]
     each = (len(patches), 1, 1, 1)
     gain = np.exp(rng.normal(0, 0.3, each)).astype(np.float32)
     # Windows of one draw of noise: a draw for every sample takes as long as the network.
@@ -251,13 +252,15 @@ def train_flying_detector(work: Path, options: TrainOptions, out: Path, watch: S
     cv2.setNumThreads(1)
     work.mkdir(parents=True, exist_ok=True)
     network = run_training(FlyingTraining(work, options), work, options, watch)
-    held_out = [read_flying_file(prepare_rally_file(work, file)) for file in (CALIBRATION_FILE, FIGURES_FILE)]
+    held_out = [
+        read_flying_file(prepare_rally_file(work, file, is_held_out=True)) for file in (CALIBRATION_FILE, FIGURES_FILE)
+    ]
     calibration = calibrate(network, held_out[0])
     figures = evaluate(network, calibration, held_out[1])
     recipe: dict[str, object] = asdict(options) | {"start": None, "steps_done": read_step_count(work / CHECKPOINT)}
     contract = {
         "schema": SCHEMA, "columns": ",".join(COLUMNS), "input": f"bytes (B, {LAYERS}, {PATCH_PX}, {PATCH_PX}) of luma",
-        "pictures": json.dumps("drawn by detectors/training/flying_scenes.py; no real frame"),
+        "pictures": json.dumps("drawn by flying_scenes.py and rendered by rally_clips.py; no real frame"),
     }  # fmt: skip
     facts: dict[str, object] = {"calibration": asdict(calibration), "held_out": figures, "recipe": recipe}
     rng = np.random.default_rng(0)

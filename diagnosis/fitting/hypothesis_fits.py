@@ -32,7 +32,7 @@ ALL_GUESSES_FIT = replace(FULL_FIT, tries_all_guesses=True)
 # Iteration limits of a first attempt, which decides whether a full fit is worthwhile.
 COARSE_FIT = ShootingOptions(iterations=5, shot_iterations=3)
 # Range of the cost per value that noise explains: its variance is known to some per cent; states absorb a few more.
-_LOW_NOISE_COST, _HIGH_NOISE_COST = 0.9, 1.15
+NOISE_COST_LIMITS = 0.9, 1.15
 # chi2 from which one fit of a hypothesis is better than another.
 MIN_IMPROVEMENT = 1.0
 # Factor on the sigma of priors of the simulator's effects: users know them less well than the literature does.
@@ -67,11 +67,6 @@ class DiagnosisProblem:
     def fit_options(self, options: ShootingOptions) -> ShootingOptions:
         """Return iteration limits with what the scene says of its paths and of the precision that a fit needs."""
         return replace(options, is_smooth=self.scene.is_smooth, least_gain=self.scene.least_gain)
-
-    @property
-    def places(self) -> tuple[str, ...]:
-        """Generic laws of a place; they describe what is left, and no cause is named after them."""
-        return tuple(e.name for e in self.scene.effects if e.kind == "place")
 
     @property
     def simulator_forms(self) -> tuple[str, ...]:
@@ -161,12 +156,12 @@ class EffectFit:
     @property
     def upper_excess_cost(self) -> float:
         """Cost beyond noise if its size was slightly overestimated."""
-        return max(self.cost - _LOW_NOISE_COST * self.value_count, 0.0)
+        return max(self.cost - NOISE_COST_LIMITS[0] * self.value_count, 0.0)
 
     @property
     def lower_excess_cost(self) -> float:
         """Cost beyond noise even if its size was slightly underestimated."""
-        return max(self.cost - _HIGH_NOISE_COST * self.value_count, 0.0)
+        return max(self.cost - NOISE_COST_LIMITS[1] * self.value_count, 0.0)
 
     @property
     def lack_of_fit(self) -> float:
@@ -324,7 +319,7 @@ def linearize_fit(problem: DiagnosisProblem, fitted: EffectFit) -> LinearizedFit
     """
     everything = np.ones(len(problem.priors), bool)
     model = fix_parameters(
-        build_window_model(problem, fitted.segments, fitted.forms, ~problem.mask((*problem.probes, *problem.places))),
+        build_window_model(problem, fitted.segments, fitted.forms, ~problem.mask(problem.probes)),
         fitted.shared,
         everything,
         problem.priors,

@@ -92,14 +92,7 @@ def measure_excess_acceleration(
     Returns:
         Accelerations of all pieces; none where every window is too short.
     """
-    if not isinstance(problem.scene, ContactRichScene):
-        # a force that pulls back changes the residuals of a long path; a piece with a start of its own stays near it
-        pieces = tuple(
-            piece
-            for segment, start in zip(fitted.segments, fitted.starts, strict=True)
-            for piece in _cut_pieces(segment, _find_contact_rows(problem, segment, start, fitted), rows)
-        )
-        fitted = fit_start_states(problem, pieces, fitted) if pieces else fitted
+    fitted = fit_pieces(problem, fitted, rows)
     correlated = np.sqrt((1 + problem.correlation) / (1 - problem.correlation))
     measured: list[tuple[FloatArray, float, int, float, FloatArray, FloatArray, FloatArray]] = []
     for segment, start in zip(fitted.segments, fitted.starts, strict=True):
@@ -149,6 +142,29 @@ def _respond_to_start(
     rows, bodies = np.nonzero(segment.is_observed)
     response = model.linearize(0, start, fitted.shared).start_jacobian
     return np.asarray(response * segment.sigma[rows, bodies][:, None, None])
+
+
+def fit_pieces(problem: DiagnosisProblem, fitted: EffectFit, rows: int | None = None) -> EffectFit:
+    """Fit the start states of short pieces of the windows of a fit, so that every path stays near its observations.
+
+    A force that pulls back changes the residuals of a long path. In a contact-rich scene, hidden spin forbids it.
+
+    Args:
+        problem: Scene and noise.
+        fitted: The fit.
+        rows: Observations of a piece; None for as many as its length allows.
+
+    Returns:
+        The fit on pieces; the same one in a contact-rich scene, or where every window is too short.
+    """
+    if isinstance(problem.scene, ContactRichScene):
+        return fitted
+    pieces = tuple(
+        piece
+        for segment, start in zip(fitted.segments, fitted.starts, strict=True)
+        for piece in _cut_pieces(segment, _find_contact_rows(problem, segment, start, fitted), rows)
+    )
+    return fit_start_states(problem, pieces, fitted) if pieces else fitted
 
 
 def _find_contact_rows(

@@ -1,8 +1,11 @@
 """A patch of the plane in which bodies are braked more, or less, than around it.
 
-Pieces of motion propose discs. In a scene with the generic law of a patch, a fit of the paths from each of them
-decides, beside the effects of the simulator. First only the start states follow a disc, because those of a fit without
-it imitate it. Its border is wide at first, so that paths near a disc draw it to its place, and narrow in the end.
+A patch changes the path of a body that crosses it by the double integral of an acceleration along that path, which is
+observed. So the residuals of free motion are linear in the strength of a patch, in the place and velocity in which
+each stretch begins, and in whatever is the same everywhere: resistance at any speed, a pull, a turn. For a disc of
+given place and size, least squares give the strength and the gain; a map of the gain over all discs shows where a patch
+may be. Its posterior distribution is sampled, so that the errors of the place hold where several discs explain the
+paths.
 """
 
 from __future__ import annotations
@@ -11,33 +14,40 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2, norm
+from scipy.stats import chi2
 
-from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, fit_effects, fit_start_states, refit_effects
-from diagnosis.unexplained.force_law import ExcessAcceleration
-from models.core.typing import BoolArray, FloatArray
-from models.estimation.gap_scenes.sliding_scene import GRAVITY, LOCAL_PATCH
-from models.estimation.multiple_shooting.shooting_fit import ShootingOptions
+from diagnosis.fitting.hypothesis_fits import NOISE_COST_LIMITS, DiagnosisProblem, EffectFit, refit_effects
+from diagnosis.unexplained.force_law import fit_pieces
+from diagnosis.unexplained.free_stretches import FreeStretch, find_free_stretches
+from models.core.recording import Recording
+from models.core.typing import FloatArray, IntArray
+from models.numerics.jit import compile_kernel
 from models.numerics.statistics import correct_for_choices
 
 # Probability of a patch in motion that is the same everywhere.
 PATCH_SIGNIFICANCE = 0.005
-# Radii of the discs that are tried, as shares of the largest extent of the motion: each half as large again.
-_RADII = (0.04, 0.06, 0.09, 0.13, 0.18)
-# The same for proposals: where the fit of the paths decides, a disc may hold most of the pieces.
-_PROPOSED_RADII = (*_RADII, 0.27, 0.4)
-# Least number of pieces of motion inside a proposed disc, and outside.
-_MIN_PROPOSED_INSIDE = 2
-# Probability of any proposal in motion that is the same everywhere: a fit that would hardly succeed takes seconds.
-_PROPOSAL_SIGNIFICANCE = 0.05
-# Speed from which a body moves, as a share of the largest: a body at rest shows no friction.
-_MIN_SPEED_SHARE = 0.05
-# Least number of pieces of motion inside a patch, and outside.
-_MIN_INSIDE = 4
-# Number of shuffled accelerations that give the significance: twice the inverse of it.
-_SHUFFLES = 400
-# Number of bootstrap draws of shots that give the errors.
-_DRAWS = 100
+# Distance of the centres on the map, and radii of its discs, as shares of the largest extent of the motion: each half
+# as large again, from a disc that hardly a body crosses to one that holds most of the motion.
+_MAP_STEP, _MAP_RADII = 0.02, (0.04, 0.06, 0.09, 0.13, 0.18, 0.27, 0.4)
+# Usual radius as a share of that extent, and the standard deviation of its logarithm: a local patch is smaller than the
+# plane, and paths along one side of it hardly tell how far it reaches.
+_RADIUS_SHARE, _RADIUS_SPREAD = 0.2, 0.7
+# Number of numbers that describe a patch: place, radius, strength.
+_PATCH_NUMBERS = 4
+# p-value below which the motion across the direction of a stretch is no parabola: the model missed a contact in it.
+_MISSED_CONTACT_P_VALUE = 1e-5
+# Standard deviations by which the places of a body that moves differ at least.
+_MOTION_SIGMAS = 6.0
+# Least information on the strength of a disc, as a share of the largest.
+_LEAST_SHARE = 1e-9
+# Chains that sample the posterior distribution, and the steps of a round, of which the last may lead to another mode.
+_CHAINS, _STEPS = 60, 10
+# Rounds in which chains reach the distribution from the discs of the map, and rounds that are samples of it.
+_ROUNDS_TO_IMPROVE, _ROUNDS_OF_SAMPLES = 15, 25
+# Logarithm of the density by which a chain is below the best at most: three numbers scatter by 15 in one of 10^6 cases.
+_LOST_CHAIN = 15.0
+# Random part of a step, as a share of the extent of the motion.
+_KICK = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +56,8 @@ class LocalPatch:
 
     centre: FloatArray
     """(2,) m."""
-    centre_sigma: float
-    """m, of each coordinate."""
+    centre_sigma: FloatArray
+    """(2,) m."""
     radius: float
     """m."""
     radius_sigma: float
@@ -60,320 +70,371 @@ class LocalPatch:
     """Probability of such a difference in motion that is the same everywhere."""
 
 
-@dataclass(frozen=True, slots=True)
-class Disc:
-    """A disc that may hold a patch."""
-
-    centre: FloatArray
-    """(2,) m."""
-    radius: float
-    """m."""
-    strength: float
-    """m/s^2 along the motion, inside minus outside."""
-
-
-def propose_discs(excess: ExcessAcceleration, count: int) -> tuple[tuple[Disc, ...], int]:
-    """Propose discs with a clear difference of the acceleration along the motion, each at a place of its own.
+def find_local_patch(problem: DiagnosisProblem, fitted: EffectFit, rng: np.random.Generator) -> LocalPatch | None:
+    """Find the patch that explains the residuals of free motion best, with the errors of its posterior distribution.
 
     Args:
-        excess: Accelerations of M pieces of motion in a plane.
-        count: Largest number of proposals.
-
-    Returns:
-        Discs, the most significant first, and the number of discs that they were selected from.
-    """
-    moving = excess.select(excess.speed > _MIN_SPEED_SHARE * excess.speed.max(initial=0.0))
-    if len(moving.sigma) < 2 * _MIN_PROPOSED_INSIDE or moving.position.shape[1] != 2:
-        return (), 0
-    values, weights = _weigh_along(moving)
-    centres, radii, inside = _list_discs(moving.position, _PROPOSED_RADII, _MIN_PROPOSED_INSIDE)
-    if not len(radii):
-        return (), 0
-    score = _score_discs(values[:, None], weights[:, None], inside)[:, 0]
-    chosen: list[int] = []
-    clear = score > norm.isf(_PROPOSAL_SIGNIFICANCE / 2 / len(radii))
-    for k in np.flatnonzero(clear)[np.argsort(-score[clear], kind="stable")]:
-        apart = np.linalg.norm(centres[chosen] - centres[k], axis=1)
-        if (apart > np.minimum(radii[chosen], radii[k])).all():
-            chosen.append(int(k))
-        if len(chosen) == count:
-            break
-    discs = (Disc(centres[k], float(radii[k]), _difference(values, weights, inside[k])) for k in chosen)
-    return tuple(discs), len(radii)
-
-
-def _weigh_along(excess: ExcessAcceleration) -> tuple[FloatArray, FloatArray]:
-    """Return the accelerations (M,) along the motion, and their weights (M,): of the noise, and of a usual scatter."""
-    values = excess.project(excess.velocity / np.maximum(excess.speed, 1e-12)[:, None])
-    scatter = np.median(np.maximum((values - np.median(values)) ** 2 - excess.sigma**2, 0.0))
-    return values, np.asarray(1 / (excess.sigma**2 + scatter))
-
-
-def find_local_patch(excess: ExcessAcceleration, rng: np.random.Generator) -> LocalPatch | None:
-    """Find the disc with the most significant difference of the acceleration along the motion.
-
-    Its significance follows from the same search on shuffled accelerations, its errors from a bootstrap over shots.
-
-    Args:
-        excess: Accelerations of M pieces of motion in a plane.
-        rng: Random generator of the shuffles and of the bootstrap.
-
-    Returns:
-        The patch; None where no disc is significant, or where there are too few pieces.
-    """
-    excess = excess.select(excess.speed > _MIN_SPEED_SHARE * excess.speed.max(initial=0.0))
-    if len(excess.sigma) < 4 * _MIN_INSIDE or excess.position.shape[1] != 2:
-        return None
-    values, weights = _weigh_along(excess)
-    centres, radii, inside = _list_discs(excess.position, _RADII, _MIN_INSIDE)
-    if not len(radii):
-        return None
-    best, largest = _most_significant(values[:, None], weights, inside)
-    order = rng.permuted(np.repeat(np.arange(len(values))[:, None], _SHUFFLES, axis=1), axis=0)
-    by_chance = _most_significant(values[order], weights[order], inside)[1]
-    p_value = float((1 + (by_chance >= largest[0]).sum()) / (1 + _SHUFFLES))
-    if p_value > PATCH_SIGNIFICANCE:
-        return None
-    disc = int(best[0])
-    drawn = np.array(list(_draw_discs(excess, values, weights, centres, radii, inside, rng)))
-    spread = np.std(drawn, axis=0) if len(drawn) > 1 else np.full(4, np.nan)
-    return LocalPatch(
-        centres[disc],
-        float(np.hypot(spread[0], spread[1]) / np.sqrt(2)),
-        float(radii[disc]),
-        float(spread[2]),
-        float(_difference(values, weights, inside[disc])),
-        float(spread[3]),
-        p_value,
-    )
-
-
-def _list_discs(
-    position: FloatArray, shares: tuple[float, ...], least: int
-) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """List C discs that may be the patch, each around the mean place of neighbouring pieces of motion, M in all.
-
-    Returns centres (C, 2), radii (C,), and which pieces are inside (C, M). The radii are `shares` of the extent of all
-    pieces; at least `least` pieces are inside a disc, and outside it.
-    """
-    extent = float(np.ptp(position, axis=0).max())
-    apart = np.linalg.norm(position[:, None] - position[None], axis=2)
-    centres, radii, inside = [], [], []
-    for share in shares:
-        here = apart < share * extent
-        # the mean of the pieces inside is nearer to the middle of a patch than any of them
-        middle = (here @ position) / here.sum(axis=1)[:, None]
-        within = np.linalg.norm(middle[:, None] - position[None], axis=2) < share * extent
-        count = within.sum(axis=1)
-        usable = (count >= least) & (count <= len(position) - least)
-        centres.append(middle[usable])
-        radii.append(np.full(int(usable.sum()), share * extent))
-        inside.append(within[usable])
-    return np.concatenate(centres), np.concatenate(radii), np.concatenate(inside)
-
-
-def _most_significant(values: FloatArray, weights: FloatArray, inside: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Return the disc of largest significance (S,) and that significance (S,) for values (M, S)."""
-    score = _score_discs(values, weights, inside)
-    best = np.argmax(score, axis=0)
-    return best, np.take_along_axis(score, best[None], axis=0)[0]
-
-
-def _score_discs(values: FloatArray, weights: FloatArray, inside: BoolArray) -> FloatArray:
-    """Return the significance (C, S) of each disc for values (M, S)."""
-    weights = np.broadcast_to(weights if weights.ndim == 2 else weights[:, None], values.shape)
-    centred = values - (weights * values).sum(axis=0) / weights.sum(axis=0)
-    part, total = inside.astype(np.float64), weights.sum(axis=0)
-    own = part @ weights
-    pull = part @ (weights * centred)
-    # difference of the means inside and outside, over its standard deviation if every weight is right
-    return np.asarray(np.abs(pull) * np.sqrt(total / np.maximum(own * (total - own), 1e-300)))
-
-
-def _difference(values: FloatArray, weights: FloatArray, inside: BoolArray) -> float:
-    """Return the mean of values (M,) inside minus that outside."""
-    return float(np.average(values[inside], weights=weights[inside])) - float(
-        np.average(values[~inside], weights=weights[~inside])
-    )
-
-
-def _draw_discs(
-    excess: ExcessAcceleration,
-    values: FloatArray,
-    weights: FloatArray,
-    centres: FloatArray,
-    radii: FloatArray,
-    inside: BoolArray,
-    rng: np.random.Generator,
-) -> Iterator[tuple[float, float, float, float]]:
-    """Yield centre, radius and strength of the best disc of each bootstrap draw of shots."""
-    shots, group = np.unique(excess.shot, return_inverse=True)
-    for counts in rng.multinomial(len(shots), np.full(len(shots), 1 / len(shots)), size=_DRAWS):
-        drawn = weights * counts[group]
-        if ((drawn > 0) & inside).sum(axis=1).max() < _MIN_INSIDE:
-            continue
-        best = int(_most_significant(values[:, None], drawn, inside)[0][0])
-        if drawn[inside[best]].sum() > 0 and drawn[~inside[best]].sum() > 0:
-            x, y = centres[best]
-            yield float(x), float(y), float(radii[best]), _difference(values, drawn, inside[best])
-
-
-# Number of discs from which the paths are fitted: the pieces of a short recording place a patch within its radius.
-_PROPOSALS = 4
-# Number of them, of the least cost, that are fitted to the end.
-_FOLLOWED = 2
-# Borders of the first fits, as shares of the radius of the disc.
-_WIDE_BORDERS = (0.3, 0.1)
-# Iteration limits of the fits with a wide border.
-_COARSE = ShootingOptions(iterations=8, shot_iterations=3)
-# Iteration limits of the last fit.
-_FINE = ShootingOptions(iterations=40, shot_iterations=10)
-# Factors on the best radius at which everything else is fitted again: the cost is far from a parabola where another
-# radius changes which paths cross the border.
-_RADIUS_FACTORS = (0.75, 1.33)
-# Usual radius of a patch as a share of the extent of the motion, and its relative spread: a local patch is smaller than
-# the plane, and paths along one side of it hardly tell how far it reaches.
-_RADIUS_SHARE, _RADIUS_SPREAD = 0.2, 0.7
-
-
-@dataclass(frozen=True, slots=True)
-class PatchFit:
-    """A patch, and the fit with it."""
-
-    patch: LocalPatch
-    fitted: EffectFit
-
-
-def fit_local_patch(
-    problem: DiagnosisProblem, without: EffectFit, excess: ExcessAcceleration, rival_cost: float = np.inf
-) -> PatchFit | None:
-    """Fit a patch to the paths, beside the effects of another fit.
-
-    Its significance is that of its gain over the best of the fit without it, of that fit with a generic law of
-    resistance that is the same everywhere, and of a rival, corrected for the number of discs.
-
-    Args:
-        problem: Scene with the generic law `local_patch`, and priors.
-        without: The fit without a patch.
-        excess: Accelerations that it lacks.
-        rival_cost: Cost of another fit of the same windows without a patch.
+        problem: Scene and noise.
+        fitted: A fit without a patch.
+        rng: Random generator of the samples.
 
     Returns:
         The patch; None where no disc is significant, or where it leaves more than it explains.
     """
-    discs, count = propose_discs(excess, _PROPOSALS)
-    if not discs:
+    return locate_patch(find_free_stretches(problem, fitted), rng)
+
+
+def locate_patch(stretches: tuple[FreeStretch, ...], rng: np.random.Generator) -> LocalPatch | None:
+    """Locate the patch that explains the residuals of stretches best; arguments and result as in `find_local_patch`."""
+    stretches = tuple(filter(_is_smooth_across, stretches))
+    if not stretches:
         return None
-    local = _adapt_priors(problem, excess.position)
-    coarse = sorted((_fit_disc(local, without, disc) for disc in discs), key=lambda one: one.cost)
-    fitted = min((_narrow_border(local, one) for one in coarse[:_FOLLOWED]), key=lambda one: one.cost)
-    names = (*without.names, *problem.probes)
-    smooth = fit_effects(problem, without.segments, names, without.forms, without.shared, without.starts)
-    gain = (min(without.cost, smooth.cost, rival_cost) - fitted.cost) / max(fitted.lack_of_fit, 1.0)
-    single = float(chi2.sf(max(gain, 0.0), int(fitted.free.sum() - without.free.sum())))
-    p_value = correct_for_choices(single, count)
-    if p_value > PATCH_SIGNIFICANCE or without.cost - fitted.cost < fitted.lower_excess_cost:
+    bare, fields = _build_system(stretches)
+    system = bare.add_fields(fields)
+    if system.freedom <= _PATCH_NUMBERS:
         return None
-    return PatchFit(_describe_patch(local, fitted, p_value), fitted)
-
-
-def _patch_numbers(problem: DiagnosisProblem) -> list[int]:
-    """Return the indices of the parameters of the patch: mu, x, y, radius, border."""
-    return [int(k) for k in np.flatnonzero(problem.mask((LOCAL_PATCH.name,)))]
-
-
-def _adapt_priors(problem: DiagnosisProblem, position: FloatArray) -> DiagnosisProblem:
-    """Adapt the priors of a patch to the place and the extent of the motion (M, 2)."""
-    priors, extent = list(problem.priors), float(np.ptp(position, axis=0).max())
-    _, x, y, radius, _ = _patch_numbers(problem)
-    for k, middle in zip((x, y), ((position.min(axis=0) + position.max(axis=0)) / 2).tolist(), strict=True):
-        bounds = middle - 2 * extent, middle + 2 * extent
-        priors[k] = replace(priors[k], value=middle, sigma=extent, bounds=bounds)
-    priors[radius] = replace(
-        priors[radius],
-        value=_RADIUS_SHARE * extent,
-        sigma=_RADIUS_SPREAD,
-        relative=True,
-        bounds=(1e-3 * extent, 2 * extent),
-    )
-    return replace(problem, priors=tuple(priors))
-
-
-def _fit_disc(problem: DiagnosisProblem, without: EffectFit, disc: Disc) -> EffectFit:
-    """Fit the paths from a disc, with borders that become narrower."""
-    numbers = _patch_numbers(problem)
-    shared, free = without.shared.copy(), without.free.copy()
-    shared[numbers] = [-disc.strength / GRAVITY, *disc.centre, disc.radius, _WIDE_BORDERS[0] * disc.radius]
-    free[numbers[:-1]] = True
-    fitted = replace(
-        without, names=(*without.names, LOCAL_PATCH.name), free=free, shared=problem.clip_to_bounds(shared)
-    )
-    states = fit_start_states(problem, without.segments, fitted, without.starts, retry_guesses=True)
-    fitted = replace(fitted, shooting=states.shooting)
-    for share in _WIDE_BORDERS:
-        fitted = _refit_with_border(problem, fitted, share * disc.radius, _COARSE)
-    return fitted
-
-
-def _follow_states(problem: DiagnosisProblem, fitted: EffectFit, shared: FloatArray) -> EffectFit:
-    """Give a fit other parameters (P,) that its start states follow; its other results are then those of the states."""
-    moved = replace(fitted, shared=problem.clip_to_bounds(shared))
-    states = fit_start_states(problem, fitted.segments, moved, fitted.starts, retry_guesses=True)
-    return replace(moved, shooting=states.shooting)
-
-
-def _profile_radius(problem: DiagnosisProblem, fitted: EffectFit) -> tuple[FloatArray, FloatArray]:
-    """Fit everything but the radius at other radii: mu, x, y and radius (K, 4), and the costs (K,), the best first."""
-    numbers = _patch_numbers(problem)[:-1]
-    covariance, prior = _select_covariance(fitted, numbers), problem.priors[numbers[-1]]
-    free = fitted.free.copy()
-    free[numbers[-1]] = False
-    places, costs = [fitted.shared[numbers]], [fitted.cost]
-    for factor in _RADIUS_FACTORS:
-        shared = fitted.shared.copy()
-        shared[numbers] += covariance[:, -1] / covariance[-1, -1] * (factor - 1) * shared[numbers[-1]]
-        moved = _follow_states(problem, replace(fitted, free=free), shared)
-        other = _narrow_border(problem, moved)
-        places.append(other.shared[numbers])
-        # the prior of a fixed parameter is not in the cost
-        costs.append(other.cost + (np.log(other.shared[numbers[-1]] / prior.value) / prior.sigma) ** 2)
-    return np.array(places), np.array(costs)
-
-
-def _select_covariance(fitted: EffectFit, numbers: list[int]) -> FloatArray:
-    """Select the covariance of some of the free parameters of a fit."""
-    here = np.cumsum(fitted.free)[numbers] - 1
-    return np.asarray(fitted.shooting.covariance[np.ix_(here, here)])
-
-
-def _narrow_border(problem: DiagnosisProblem, fitted: EffectFit) -> EffectFit:
-    """Refit with the usual border."""
-    return _refit_with_border(problem, fitted, LOCAL_PATCH.neutral[-1], _FINE)
-
-
-def _refit_with_border(
-    problem: DiagnosisProblem, fitted: EffectFit, border: float, options: ShootingOptions
-) -> EffectFit:
-    """Refit a patch with another border (m)."""
-    shared = fitted.shared.copy()
-    shared[_patch_numbers(problem)[-1]] = border
-    return refit_effects(problem, fitted.segments, replace(fitted, shared=shared), fitted.starts, options=options)
-
-
-def _describe_patch(problem: DiagnosisProblem, fitted: EffectFit, p_value: float) -> LocalPatch:
-    """Describe the patch of a fit: the mean over radii by their probability, with the larger of both errors."""
-    places, costs = _profile_radius(problem, fitted)
-    weights = np.exp(-0.5 * (costs - costs.min()) / fitted.lack_of_fit)
-    mean = weights @ places / weights.sum()
-    scatter = weights @ np.square(places - mean) / weights.sum()
-    variances = np.diag(_select_covariance(fitted, _patch_numbers(problem)[:-1]))
-    mu_sigma, x_sigma, y_sigma, radius_sigma = np.sqrt(np.maximum(variances, scatter)).tolist()
+    discs = _list_discs(system.position)
+    gain, information = system.measure_gains(discs)
+    # a disc that hardly changes the paths explains nothing
+    count = int((information > 0).sum())
+    first = int(np.argmax(gain))
+    if _patch_p_value(float(gain[first]), 1.0, count) > PATCH_SIGNIFICANCE:
+        return None
+    best = discs[np.argsort(-gain)[:_CHAINS]]
+    chains = np.column_stack([best[:, :2], np.log(best[:, 2])])
+    posterior = _PatchPosterior(system, 1.0, float(np.sqrt(gain[first] / information[first])))
+    chains = posterior.improve(chains, rng)
+    most = float(system.measure_gains(_to_discs(chains))[0].max())
+    left = system.chi2 - most
+    inflation = max(left / (system.freedom - _PATCH_NUMBERS), 1.0)
+    p_value = _patch_p_value(most, inflation, count)
+    if p_value > PATCH_SIGNIFICANCE or most < left - NOISE_COST_LIMITS[1] * system.freedom:
+        return None
+    density = posterior.evaluate(chains)[0]
+    needed = _drop_idle_fields(bare, fields, _to_discs(chains[[np.argmax(density)]]))
+    posterior = replace(posterior, system=needed, inflation=inflation)
+    values = posterior.sample(posterior.improve(chains, rng), rng)
+    (x, y, radius, strength), (x_sigma, y_sigma, radius_sigma, strength_sigma) = values.mean(axis=0), values.std(axis=0)
     return LocalPatch(
-        centre=mean[1:3],
-        centre_sigma=float(np.hypot(x_sigma, y_sigma) / np.sqrt(2)),
-        radius=float(mean[3]),
-        radius_sigma=radius_sigma,
-        strength=-GRAVITY * float(mean[0]),
-        strength_sigma=GRAVITY * mu_sigma,
-        p_value=p_value,
+        np.array([x, y]), np.array([x_sigma, y_sigma]), float(radius), float(radius_sigma), float(strength),
+        float(strength_sigma), p_value,
+    )  # fmt: skip
+
+
+def _patch_p_value(gain: float, inflation: float, count: int) -> float:
+    """Return the probability that the best of `count` discs gains as much by chance."""
+    return correct_for_choices(float(chi2.sf(gain / inflation, _PATCH_NUMBERS)), count)
+
+
+def fit_outside_patch(problem: DiagnosisProblem, base: EffectFit, best: EffectFit, patch: LocalPatch) -> EffectFit:
+    """Fit the effects of the simulator, and those that were named, to the windows in which no body crosses a patch.
+
+    Effects that were named may only imitate the patch: by the Bayesian information criterion (Schwarz 1978) they must
+    gain more outside it than their parameters could by chance.
+
+    Args:
+        problem: Scene and priors.
+        base: Fit without named effects, on windows that need none.
+        best: Fit with the named effects.
+        patch: The patch.
+
+    Returns:
+        The better fit of those without and with the named effects; `best` where a body crosses every window.
+    """
+    pieces = fit_pieces(problem, base)
+    reach = patch.radius + 2 * patch.radius_sigma
+    outside = [k for k, one in enumerate(pieces.segments) if not _crosses(one, patch.centre, reach)]
+    if not outside:
+        return best
+    segments, starts = tuple(pieces.segments[k] for k in outside), tuple(pieces.starts[k] for k in outside)
+    fits = [refit_effects(problem, segments, one, starts) for one in ((base, best) if best.names else (base,))]
+    noise = min(one.lack_of_fit for one in fits)
+    return min(fits, key=lambda one: one.cost / noise + float(one.free.sum() * np.log(one.value_count)))
+
+
+def _crosses(segment: Recording, centre: FloatArray, reach: float) -> bool:
+    """Return whether a body that moves comes within `reach` (m) of a place."""
+    for body in range(len(segment.bodies)):
+        is_observed = segment.is_observed[:, body]
+        places, sigma = segment.positions[is_observed, body], segment.sigma[is_observed, body]
+        moves = len(places) > 0 and np.ptp(places, axis=0).max() > _MOTION_SIGMAS * sigma.max()
+        if moves and np.linalg.norm(places - centre, axis=1).min() < reach:
+            return True
+    return False
+
+
+@dataclass(frozen=True, slots=True)
+class _StretchSystem:
+    """Least squares of K rows of M stretches, all of it in standard deviations."""
+
+    first: IntArray
+    """(M + 1,) first row of each stretch, and K."""
+    t: FloatArray
+    """(K,) s."""
+    position: FloatArray
+    """(K, 2) m."""
+    heading: FloatArray
+    """(K, 2) unit vectors along the motion."""
+    weight: FloatArray
+    """(K,) 1/m."""
+    start_basis: FloatArray
+    """(K, 2) per stretch, the orthonormal basis of what its start changes in one coordinate."""
+    common_basis: FloatArray
+    """(K, 2, C) orthonormal basis of what is the same everywhere, without what starts explain."""
+    residual: FloatArray
+    """(K, 2) what neither explains."""
+
+    @property
+    def chi2(self) -> float:
+        """chi2 of the residuals."""
+        return float(np.square(self.residual).sum())
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of the residuals."""
+        return int(2 * (len(self.t) - 2 * (len(self.first) - 1)) - self.common_basis.shape[2])
+
+    def score(self, discs: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the information (C,) on the strengths of discs (C, 3), and those strengths times it (C,)."""
+        weight, pull = np.zeros(len(discs)), np.zeros(len(discs))
+        _score_discs(
+            np.ascontiguousarray(discs), self.first, self.t, self.position, self.heading, self.weight,
+            self.start_basis, self.common_basis, self.residual, weight, pull,
+        )  # fmt: skip
+        return np.maximum(weight, 0.0), pull
+
+    def add_fields(self, fields: FloatArray) -> _StretchSystem:
+        """Add common fields (K, 2, F), without what starts explain, to a system that has none."""
+        flat, residual = fields.reshape(-1, fields.shape[2]), self.residual.ravel()
+        axes, sizes, _ = np.linalg.svd(flat / np.maximum(np.linalg.norm(flat, axis=0), 1e-300), full_matrices=False)
+        axes = axes[:, sizes > 1e-6]
+        common = np.ascontiguousarray(axes.reshape(*self.residual.shape, -1))
+        left = (residual - axes @ (axes.T @ residual)).reshape(self.residual.shape)
+        return replace(self, common_basis=common, residual=left)
+
+    def measure_gains(self, discs: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the decrease of chi2 (C,) by discs (C, 3) of the best strength, and its information (C,) or 0."""
+        information, pull = self.score(discs)
+        information = np.where(information > _LEAST_SHARE * information.max(initial=0.0), information, 0.0)
+        return np.divide(np.square(pull), information, out=np.zeros(len(discs)), where=information > 0), information
+
+
+def _build_system(stretches: tuple[FreeStretch, ...]) -> tuple[_StretchSystem, FloatArray]:
+    """Build the system of some stretches without common fields, and these (K, 2, F), without what starts explain."""
+    bases = [np.linalg.qr(np.vander(one.t - one.t[0], 2) / one.sigma[:, None])[0] for one in stretches]
+    parts = [_remove_start(one, base, one.residual) for one, base in zip(stretches, bases, strict=True)]
+    fields = [
+        np.stack([_remove_start(one, base, _integrate_twice(one.t, field)) for field in _common_fields(one)], axis=-1)
+        for one, base in zip(stretches, bases, strict=True)
+    ]
+    residual = np.concatenate(parts)
+    system = _StretchSystem(
+        np.cumsum([0, *(len(one.t) for one in stretches)]),
+        np.concatenate([one.t for one in stretches]),
+        np.concatenate([one.position for one in stretches]),
+        np.concatenate([one.velocity / np.linalg.norm(one.velocity, axis=1)[:, None] for one in stretches]),
+        np.concatenate([1 / one.sigma for one in stretches]),
+        np.concatenate(bases),
+        np.empty((*residual.shape, 0)),
+        residual,
     )
+    return system, np.concatenate(fields)
+
+
+def _drop_idle_fields(system: _StretchSystem, fields: FloatArray, disc: FloatArray) -> _StretchSystem:
+    """Add those common fields (K, 2, F) to a system that are needed beside a disc (1, 3): each costs information on it.
+
+    By the Bayesian information criterion, a field must gain more than it could by chance. The first one, resistance,
+    always stays: the fit estimated it from the same motion.
+    """
+    kept = list(range(fields.shape[2]))
+
+    def measure_misfit(numbers: list[int]) -> float:
+        part = system.add_fields(fields[..., numbers])
+        return part.chi2 - float(part.measure_gains(disc)[0][0])
+
+    misfit = measure_misfit(kept)
+    penalty = max(misfit / system.freedom, 1.0) * float(np.log(system.residual.size))
+    while len(kept) > 1:
+        trials = [(measure_misfit([k for k in kept if k != one]), one) for one in kept[1:]]
+        least, idle = min(trials)
+        if least - misfit > penalty:
+            break
+        kept.remove(idle)
+        misfit = least
+    return system.add_fields(fields[..., kept])
+
+
+def _is_smooth_across(stretch: FreeStretch) -> bool:
+    """Return whether a body moves smoothly across its direction, where a patch does nothing: no contact was missed."""
+    along = stretch.position[-1] - stretch.position[0]
+    across = stretch.residual @ np.array([-along[1], along[0]]) / max(np.linalg.norm(along), 1e-9) / stretch.sigma
+    basis = np.linalg.qr(np.vander(stretch.t - stretch.t[0], 3) / stretch.sigma[:, None])[0]
+    left = across - basis @ (basis.T @ across)
+    return bool(chi2.sf(left @ left, len(left) - 3) > _MISSED_CONTACT_P_VALUE)
+
+
+def _remove_start(stretch: FreeStretch, basis: FloatArray, places: FloatArray) -> FloatArray:
+    """Return places (T, 2) in standard deviations, without what the start of the stretch explains."""
+    whitened = places / stretch.sigma[:, None]
+    return np.asarray(whitened - basis @ (basis.T @ whitened))
+
+
+def _integrate_twice(t: FloatArray, acceleration: FloatArray) -> FloatArray:
+    """Integrate accelerations (T, 2) to places (T, 2), from rest."""
+    step = np.diff(t)[:, None]
+    change = 0.5 * (acceleration[1:] + acceleration[:-1]) * step
+    velocity = np.cumsum(change, axis=0)
+    return np.concatenate([np.zeros((1, 2)), np.cumsum((velocity - 0.5 * change) * step, axis=0)])
+
+
+def _common_fields(stretch: FreeStretch) -> list[FloatArray]:
+    """Return accelerations (T, 2) that are the same everywhere: resistance, which may age by shots, turn and pull."""
+    speed = np.linalg.norm(stretch.velocity, axis=1)[:, None]
+    along = stretch.velocity / speed
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    pulls = [np.broadcast_to(axis, along.shape) for axis in np.eye(2)]
+    return [along, along * stretch.shot, along * speed, along * speed**2, across, across * speed, *pulls]
+
+
+@compile_kernel
+def _score_discs(discs, first, t, position, heading, weight, start_basis, common, residual, information, pull):  # type: ignore[no-untyped-def]
+    """Fill information and pull (C,) of discs (C, 3): x, y, radius; other arrays as in `_StretchSystem`."""
+    longest = 0
+    for m in range(len(first) - 1):
+        longest = max(longest, first[m + 1] - first[m])
+    place, shares = np.zeros((longest, 2)), np.zeros(common.shape[2])
+    for k in range(len(discs)):
+        centre_x, centre_y, square = discs[k, 0], discs[k, 1], discs[k, 2] * discs[k, 2]
+        shares[:] = 0.0
+        for m in range(len(first) - 1):
+            start, count = first[m], first[m + 1] - first[m]
+            v_x, v_y, x, y, is_hit = 0.0, 0.0, 0.0, 0.0, False
+            place[0, 0], place[0, 1] = 0.0, 0.0
+            for i in range(count - 1):
+                row = start + i
+                # part of the step from one row to the next that lies inside
+                from_x, from_y = position[row, 0] - centre_x, position[row, 1] - centre_y
+                step_x, step_y = position[row + 1, 0] - position[row, 0], position[row + 1, 1] - position[row, 1]
+                a = step_x * step_x + step_y * step_y + 1e-18
+                b = from_x * step_x + from_y * step_y
+                root = b * b - a * (from_x * from_x + from_y * from_y - square)
+                inside = 0.0
+                if root > 0.0:
+                    root = np.sqrt(root)
+                    inside = min(max((root - b) / a, 0.0), 1.0) - min(max((-root - b) / a, 0.0), 1.0)
+                is_hit = is_hit or inside > 0.0
+                dt = t[row + 1] - t[row]
+                dv_x = 0.5 * inside * dt * (heading[row, 0] + heading[row + 1, 0])
+                dv_y = 0.5 * inside * dt * (heading[row, 1] + heading[row + 1, 1])
+                x, y = x + (v_x + 0.5 * dv_x) * dt, y + (v_y + 0.5 * dv_y) * dt
+                v_x, v_y = v_x + dv_x, v_y + dv_y
+                place[i + 1, 0], place[i + 1, 1] = x * weight[row + 1], y * weight[row + 1]
+            if not is_hit:
+                continue
+            for j in range(2):
+                for axis in range(2):
+                    dot = 0.0
+                    for i in range(count):
+                        dot += start_basis[start + i, j] * place[i, axis]
+                    for i in range(count):
+                        place[i, axis] -= start_basis[start + i, j] * dot
+            for i in range(count):
+                for axis in range(2):
+                    value = place[i, axis]
+                    information[k] += value * value
+                    pull[k] += value * residual[start + i, axis]
+                    for n in range(len(shares)):
+                        shares[n] += value * common[start + i, axis, n]
+        for n in range(len(shares)):
+            information[k] -= shares[n] * shares[n]
+
+
+def _measure_extent(position: FloatArray) -> float:
+    """Return the largest extent (m) of places (K, 2)."""
+    return float(np.ptp(position, axis=0).max())
+
+
+def _list_discs(position: FloatArray) -> FloatArray:
+    """List the discs (C, 3) of a map of places (K, 2): x, y, radius, m."""
+    extent, low, high = _measure_extent(position), position.min(axis=0), position.max(axis=0)
+    axes = [
+        np.arange(first, last + _MAP_STEP * extent, _MAP_STEP * extent) for first, last in zip(low, high, strict=True)
+    ]
+    grid = np.meshgrid(*axes, np.multiply(_MAP_RADII, extent), indexing="ij")
+    return np.stack(grid, axis=-1).reshape(-1, 3)
+
+
+def _to_discs(numbers: FloatArray) -> FloatArray:
+    """Convert x, y and the logarithm of the radius (C, 3) to discs."""
+    return np.column_stack([numbers[:, :2], np.exp(numbers[:, 2])])
+
+
+@dataclass(frozen=True, slots=True)
+class _PatchPosterior:
+    """Posterior distribution of a patch: x, y and the logarithm of the radius, sampled by chains (N, 3).
+
+    The chains learn the shape of the distribution from each other: differential evolution (ter Braak 2006,
+    doi:10.1007/s11222-006-8769-1).
+    """
+
+    system: _StretchSystem
+    inflation: float
+    """Factor on the variance of the noise."""
+    strength_scale: float
+    """m/s^2, standard deviation of the prior of the strength."""
+
+    def evaluate(self, numbers: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the logarithm of the density (C,) at numbers (C, 3), and the strengths (C,) and their sigmas (C,)."""
+        extent, place = _measure_extent(self.system.position), self.system.position
+        weight, pull = self.system.score(_to_discs(numbers))
+        information = weight / self.inflation + self.strength_scale**-2
+        strength = pull / self.inflation / information
+        away = (numbers[:, 2] - np.log(_RADIUS_SHARE * extent)) / _RADIUS_SPREAD
+        density = 0.5 * (information * strength**2 - np.log(information * self.strength_scale**2) - away**2)
+        low, high = place.min(axis=0) - extent, place.max(axis=0) + extent
+        is_near = ((numbers[:, :2] > low) & (numbers[:, :2] < high)).all(axis=1) & (numbers[:, 2] < np.log(extent))
+        return np.where(is_near, density, -np.inf), strength, 1 / np.sqrt(information)
+
+    def improve(self, chains: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """Return chains that have reached the distribution, from starts (N, 3)."""
+        for _ in range(_ROUNDS_TO_IMPROVE):
+            *_, (chains, density, _, _) = self._walk(chains, rng)
+            # a chain that stays at a lesser disc would never leave it
+            lost = density < density.max() - _LOST_CHAIN
+            chains = np.where(lost[:, None], chains[rng.choice(np.flatnonzero(~lost), len(chains))], chains)
+        return chains
+
+    def sample(self, chains: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """Sample x, y, radius and strength (D, 4)."""
+        drawn = []
+        for _ in range(_ROUNDS_OF_SAMPLES):
+            for numbers, _, strength, sigma in self._walk(chains, rng):
+                drawn.append(np.column_stack([_to_discs(numbers), strength + sigma * rng.standard_normal(len(sigma))]))
+                chains = numbers
+        return np.concatenate(drawn)
+
+    def _walk(
+        self, chains: FloatArray, rng: np.random.Generator
+    ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
+        """Yield chains (N, 3), their densities, and the strengths and their sigmas (N,), after each step of a round."""
+        count, kick = len(chains), _KICK * _measure_extent(self.system.position)
+        density, strength, sigma = self.evaluate(chains)
+        for step in range(_STEPS):
+            pairs = (np.arange(count)[:, None] + _draw_pairs(count, rng)) % count
+            # the last step of a round may lead from one mode to another
+            factor = 1.0 if step == _STEPS - 1 else 2.38 / np.sqrt(2 * chains.shape[1])
+            jump = factor * (chains[pairs[:, 0]] - chains[pairs[:, 1]]) + kick * rng.standard_normal(chains.shape)
+            moved = self.evaluate(chains + jump)
+            accepts = np.log(rng.random(count)) < moved[0] - density
+            chains = np.where(accepts[:, None], chains + jump, chains)
+            density, strength, sigma = (
+                np.where(accepts, new, old) for new, old in zip(moved, (density, strength, sigma), strict=True)
+            )
+            yield chains, density, strength, sigma
+
+
+def _draw_pairs(count: int, rng: np.random.Generator) -> IntArray:
+    """Draw for each of `count` chains the distances (N, 2) to two others that differ."""
+    first, second = rng.integers(1, count, count), rng.integers(1, count - 1, count)
+    return np.stack([first, second + (second >= first)], axis=1)

@@ -22,13 +22,8 @@ from diagnosis.selection.effect_selection import fit_without_effect
 from diagnosis.selection.hypotheses import compute_signatures
 from diagnosis.selection.hypothesis_trials import try_hypothesis
 from diagnosis.selection.study import Study, select_shot_windows
-from diagnosis.unexplained.force_law import (
-    ExcessAcceleration,
-    find_force_law,
-    measure_excess_acceleration,
-    measure_resolved_acceleration,
-)
-from diagnosis.unexplained.local_patch import PatchFit, find_local_patch, fit_local_patch
+from diagnosis.unexplained.force_law import find_force_law, measure_resolved_acceleration
+from diagnosis.unexplained.local_patch import LocalPatch, find_local_patch, fit_outside_patch
 from diagnosis.verdicts.candidate_probabilities import (
     compute_probabilities,
     estimate_shot_spreads,
@@ -62,7 +57,7 @@ from models.core.typing import BoolArray, FloatArray
 from models.estimation.gap_scenes.gap_scene import GapScene
 from models.estimation.gap_scenes.simulator_scene import SimulatorScene
 
-_PATCH_NOTE = "the fitted parameters come from a fit that includes the patch; without it they would be biased"
+_PATCH_NOTE = "the fitted parameters come from the motion outside the patch; with all of it they would be biased"
 # Standard deviations that half of all strengths exceed.
 _MEDIAN_SIGMAS = 0.674
 
@@ -81,15 +76,18 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
     scene, best, evidence = study.problem.scene, study.best, study.unknown_evidence
     gap, per_effect = _measure_gap(study, recordings, rng)
     study = replace(study, unknown_evidence=evidence.supported)
-    excess = _measure_excess(study)
-    patch_fit = None if excess is None or not study.problem.places else _fit_patch(study, excess)
+    lacks_force = _lacks_shared_force(study)
+    patch = find_local_patch(study.problem, study.full, rng) if lacks_force else None
+    outside = study.full
+    if patch is not None:
+        outside = fit_outside_patch(study.problem, study.search.base.fitted, study.full, patch)
     named_effects, apart = _describe_named_effects(study)
-    unexplained = _describe_unexplained(study, gap.closure, excess, patch_fit, rng)
+    unexplained = _describe_unexplained(study, gap.closure, patch, lacks_force=lacks_force)
     probabilities = compute_probabilities(study.search, best, study.unknown_evidence)
     decision = decide_verdict(
         evidence, named_effects, probabilities, gap.closure, per_effect,
         len({*study.usable_shots, *(one.shot for one in recordings)}), len(gap.shots),
-        patch_fit is not None and not best.names <= set(patch_fit.fitted.names), unexplained.is_clear,
+        not best.names <= set(outside.names), unexplained.is_clear,
     )  # fmt: skip
     verdict, named, notes = decision.verdict, decision.named, decision.notes
     # the candidates, among them `none` and `unknown`, that the verdict names
@@ -104,7 +102,7 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
     )
     if np.isfinite(study.used_duration):  # of the search; hold-out shots are always predicted as a whole
         notes += (f"the search used the first {study.used_duration:.1f} s of each shot",)
-    if patch_fit is not None:
+    if outside is not study.full:
         notes += (_PATCH_NOTE,)
     acting = {choice.name: choice.phases for choice in scene.alternatives}
     acting |= {effect.name: effect.phases for effect in scene.effects if effect.phases}
@@ -127,7 +125,7 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
         gap=gap,
         per_effect=tuple(one for one in per_effect if one.effect not in decision.unmeasured),
         unexplained=unexplained,
-        fitted=_summarize_all_strengths(study, study.full if patch_fit is None else patch_fit.fitted, detectable),
+        fitted=_summarize_all_strengths(study, outside, detectable),
         forms=study.full.forms,
         unidentifiable=(*scene.gauges, *_find_unidentifiable(study.problem, detectable, frozenset(study.full.names))),
         not_tested=(*scene.not_tested, *omitted),
@@ -138,33 +136,12 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
     )
 
 
-def _measure_excess(study: Study) -> ExcessAcceleration | None:
-    """Measure the acceleration that the best hypothesis lacks; None where only noise remains.
+def _lacks_shared_force(study: Study) -> bool:
+    """Tell whether more than noise remains that one force on all bodies could explain.
 
-    None also where strengths differ between bodies: the excess is beyond strengths that all bodies share.
+    Where strengths differ between bodies, what remains is beyond strengths that all bodies share.
     """
-    if not study.unknown_evidence.has_systematic_residuals or study.body_fit is not None:
-        return None
-    return measure_excess_acceleration(study.problem, study.full)
-
-
-def _fit_patch(study: Study, excess: ExcessAcceleration) -> PatchFit | None:
-    """Fit a patch, given the acceleration that the best hypothesis lacks; None where there is none.
-
-    Effects that were named may only imitate a patch: it is fitted without and beside them, in the same windows, and by
-    the Bayesian information criterion (Schwarz 1978) they must gain more than their parameters could by chance.
-    """
-    problem, base, full = study.problem, study.search.base.fitted, study.full
-    both = [fit_local_patch(problem, full, excess)]
-    if full.names:
-        both.append(fit_local_patch(problem, base, measure_excess_acceleration(problem, base), full.cost))
-    fits = [one for one in both if one is not None]
-    noise = min((one.fitted.lack_of_fit for one in fits), default=1.0)
-
-    def compute_criterion(one: PatchFit) -> float:
-        return one.fitted.cost / noise + float(one.fitted.free.sum() * np.log(one.fitted.value_count))
-
-    return min(fits, key=compute_criterion, default=None)
+    return study.unknown_evidence.has_systematic_residuals and study.body_fit is None
 
 
 def _describe_named_effects(study: Study) -> tuple[dict[str, CandidateEffect], str]:
@@ -272,12 +249,9 @@ def _select_fit_with(study: Study, name: str) -> tuple[EffectFit, tuple[str, ...
 
 
 def _summarize_all_strengths(study: Study, fitted: EffectFit, detectable: FloatArray) -> tuple[Strength, ...]:
-    """Summarize the parameters of the improved simulator, named `effect.parameter`, as several effects have a mu.
-
-    They are those of `fitted`, without a patch, which is described by itself.
-    """
+    """Summarize the parameters of the improved simulator, named `effect.parameter`, as several effects have a mu."""
     problem = study.problem
-    names = [one.name for one in problem.scene.effects if one.name in fitted.names and one.kind != "place"]
+    names = [one.name for one in problem.scene.effects if one.name in fitted.names]
     return tuple(
         replace(one, name=f"{name}.{one.name}")
         for name in (*problem.scene.simulator_effects, *names)
@@ -387,21 +361,19 @@ def _share_closure(
 def _describe_unexplained(
     study: Study,
     closure: GapClosure,
-    excess: ExcessAcceleration | None,
-    patch_fit: PatchFit | None,
-    rng: np.random.Generator,
+    patch: LocalPatch | None,
+    *,
+    lacks_force: bool,
 ) -> Unexplained:
     """Describe what remains after the named effects, on the shots that chose them; its size on hold-out shots."""
     is_systematic = study.unknown_evidence.has_systematic_residuals
     size = float(np.sqrt(np.maximum(closure.after**2 - closure.floor**2, 0.0)))
-    law, patch = None, None if patch_fit is None else patch_fit.patch
     reference = study.residuals_after.reference
-    if excess is not None:
+    law = None
+    if lacks_force:
         # where the named effects are no answer, what the simulator lacks is what it lacks without them
         without = study.base if study.unknown_evidence.is_unknown else study.full
         law = find_force_law(measure_resolved_acceleration(study.problem, without), reference.coordinates)
-        if reference.unit == "m" and not study.problem.places:
-            patch = find_local_patch(excess, rng)
     return Unexplained(
         share=1.0 - closure.closed,
         size=size,

@@ -59,7 +59,8 @@ class Net:
 class FlyingObject:
     """The ball or shuttle of a sport, with what is known of its forces before a clip is seen.
 
-    The acceleration is -g z - k |v| v + |v| l x v, with drag k and a lift l across the path. After a hit a shuttle
+    The acceleration is -g z - k |v| v + |v| l x v, with drag k and a lift l across the path, as
+    `models.physics.flight.flight_motion` states in full. After a hit a shuttle
     turns over: at a length s of path its drag is k (1 + `turn_drag` exp(-s / `turn_length`)), and its lift falls as
     fast.
     """
@@ -71,7 +72,9 @@ class FlyingObject:
     mass: float
     """kg."""
     drag: Range
-    """1/m."""
+    """1/m, at 10 m/s."""
+    drag_exponent: Range
+    """Of the drag over the speed: 0 where the force is quadratic."""
     lift: float
     """1/m, standard deviation of each component of l about 0; 0 where there is no lift."""
     turn_drag: Range
@@ -83,8 +86,13 @@ class FlyingObject:
     """Share of the speed along the surface that a bounce leaves."""
     max_speed: float
     """m/s that no player exceeds."""
+    lag_lift: float = 0.0
+    """Standard deviation, about 0, of the share of gravity that a shuttle carries because its nose lags behind a path
+    that bends."""
     law_error: float = 0.003
-    """m by which flights depart from this law; of a shuttle while it turns over."""
+    """m by which flights depart from this law."""
+    turn_error: float = 0.0
+    """m by which those of a shuttle do when it begins to turn over."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +121,9 @@ class Sport:
     serves_on_own_half: bool = False
     """Whether a service first touches the half of the server, and then the other."""
     is_filmed_from_side: bool = False
-    """Whether the usual camera looks across the court, so that x runs to the right."""
+    """Whether the camera looks across the court, so that x runs to the right: the usual one, and in a `CourtScene` its
+    own.
+    """
 
     @property
     def halves(self) -> tuple[str, str]:

@@ -149,3 +149,8 @@ class CourtScene:
     """px, root mean square distance of the painted lines that were found from where the camera puts them."""
     notes: tuple[str, ...] = ()
     """Codes of irregularities."""
+
+    def __post_init__(self) -> None:
+        # This camera, not the usual one of the sport, decides which ends are near or left.
+        sport = replace(self.sport, is_filmed_from_side=not self.camera.is_left_handed)
+        object.__setattr__(self, "sport", sport)

@@ -202,6 +202,14 @@ class Naming:
         by_words = {tuple(sorted(_split_words(name))): pocket for name, pocket in names.items()}
         return by_words.get(tuple(words))
 
+    def find_rail(self, text: str) -> str | None:
+        """Find the cushion that a person names by its canonical name, or as in the frame, such as `far long rail`."""
+        if text in CUSHIONS:
+            return text
+        words = set(_split_words(text)) - {"the", "rail", "cushion"}
+        fitting = [rail for rail in CUSHIONS if words and words <= set(_split_words(self.name_rail(rail)))]
+        return fitting[0] if len(fitting) == 1 else None
+
     def list_balls(self) -> str:
         """List the names of all balls, with their ids where these differ."""
         return ", ".join(

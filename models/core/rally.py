@@ -15,8 +15,11 @@ from models.core.court_camera import CourtScene
 from models.core.typing import BoolArray, FloatArray, IntArray
 
 RallyEventKind = Literal["hit", "bounce", "net", "landing"]
-# Parameters of a flight: place (3) and velocity (3) at its start, drag k, lift l (3), turn-over drag.
-FLIGHT_PARAMETERS = ("x", "y", "z", "vx", "vy", "vz", "drag", "lift_x", "lift_y", "lift_z", "turn_drag")
+# Parameters of a flight: place (3) and velocity (3) at its start, drag k, lift l (3), turn-over drag, exponent of the
+# drag over speed, and share of gravity that a lagging nose carries.
+FLIGHT_PARAMETERS = (
+    "x", "y", "z", "vx", "vy", "vz", "drag", "lift_x", "lift_y", "lift_z", "turn_drag", "drag_exponent", "lag_lift",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,13 +84,19 @@ class Flight:
     end: float
     """s; the end is that of the clip where no event ends the flight."""
     parameters: FloatArray
-    """(11,) in the order of `FLIGHT_PARAMETERS`, SI units."""
+    """(P,) in the order of `FLIGHT_PARAMETERS`, SI units."""
     covariance: FloatArray
-    """(11, 11)."""
+    """(P, P)."""
     begins_with_hit: bool
     """Whether a shuttle turns over at its start."""
     chi2: float
     """Per degree of freedom; NaN without any."""
+
+    def __post_init__(self) -> None:
+        # flights that were saved before the law had its last parameters have them at 0
+        more = len(FLIGHT_PARAMETERS) - len(self.parameters)
+        object.__setattr__(self, "parameters", np.pad(self.parameters, (0, more)))
+        object.__setattr__(self, "covariance", np.pad(self.covariance, (0, more)))
 
 
 @dataclass(frozen=True, slots=True)

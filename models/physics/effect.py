@@ -10,9 +10,8 @@ from typing import Literal, final
 Phase = Literal["free_roll", "after_strike", "ball_contact", "cushion_contact", "rest", "image_region", "time_jump"]
 # `physics` changes the motion; `observation` changes the measurement of the same motion; `detail` is a parameter that a
 # contact model leaves open and no cause by itself (one of its partners is); `probe` is a generic law, a smooth force or
-# change of a contact that only shows whether the library lacks a law, and no cause either; `place` is a generic law
-# too, a place where the motion differs; it describes what is left, and refutes effects that explain less.
-EffectKind = Literal["physics", "observation", "detail", "probe", "place"]
+# change of a contact that only shows whether the library lacks a law, and no cause either.
+EffectKind = Literal["physics", "observation", "detail", "probe"]
 # Where a billiards effect acts: between the cloth or the air and a ball, in a contact with a cushion, in a contact of
 # two balls, in the sizes and masses of the set of balls, in the camera. The engine reads the parameters of the first
 # three.

@@ -35,8 +35,9 @@ SPORT = Sport(
     LINES,
     Net(0.914, 0.914, 1.07),
     FlyingObject(
-        "ball", radius=0.0335, mass=0.0577, drag=Range(0.0205, 0.003), lift=0.006, turn_drag=Range(0.0, 0.0),
-        turn_length=0.0, restitution=Range(0.74, 0.07), retention=Range(0.75, 0.18), max_speed=75.0,
+        "ball", radius=0.0335, mass=0.0577, drag=Range(0.0205, 0.003), drag_exponent=Range(0.0, 0.05), lift=0.006,
+        turn_drag=Range(0.0, 0.0), turn_length=0.0, restitution=Range(0.74, 0.07), retention=Range(0.75, 0.18),
+        max_speed=75.0,
     ),
     areas={
         "singles": ((0.0, SINGLES, HALF, WIDTH - SINGLES), (HALF, SINGLES, LENGTH, WIDTH - SINGLES)),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from PIL import Image
 from models.core.answer import Answer, Quantity
 from models.core.errors import OptionError, TruerollError
 from models.core.naming import Naming, join_names
-from models.core.scene import POCKETS, Camera
+from models.core.scene import CUSHIONS, POCKETS, Camera
 from models.core.typing import FloatArray
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.call_answers import CallAnswer, QuestionKind
@@ -37,11 +38,11 @@ ABOUT_ONE_BALL: dict[str, Callable[[ShotRecord, str], CallAnswer]] = {
     "first": call_answers.answer_first_contact, "cushion-first": call_answers.answer_cushion_first,
     "score": answer_score,
 }  # fmt: skip
-QUESTIONS = ("contact", "pocket", "line", "foul", *ABOUT_ONE_BALL)
-USAGE = "ask contact A B, first A, cushion-first A, pocket A top-left, line x=0.635 A, score, or foul"
+QUESTIONS = ("contact", "rail", "pocket", "line", "foul", *ABOUT_ONE_BALL)
+USAGE = "ask contact A B, rail A left, first A, cushion-first A, pocket A top-left, line x=0.635 A, score, or foul"
 UNTOLD = "A push, a double hit, or a ball that leaves the table cannot be told from the clip."
 # Questions whose answer may change after the clip.
-MAY_HAPPEN_LATER: tuple[QuestionKind, ...] = ("contact", "pocket", "line", "score", "foul")
+MAY_HAPPEN_LATER: tuple[QuestionKind, ...] = ("contact", "rail", "pocket", "line", "score", "foul")
 STILL_MOVING = "When the clip ends, {} still move{}: what comes later is not judged."
 FIRST_BALL_UNKNOWN = "Which ball had to be hit first is not judged: name it with --on, such as --on {}."
 # Points of a drawn line, which lens distortion may bend.
@@ -65,7 +66,7 @@ def answer_question(record: ShotRecord, words: Sequence[str], edge: bool = False
     Raises:
         OptionError: The question is malformed, or names an unknown ball, pocket or line.
     """
-    kind, *rest = " ".join(words).split()
+    kind, *rest = " ".join(words).split() or [""]
     if kind not in QUESTIONS or not (rest or kind in ("score", "foul")):
         raise OptionError(f"{USAGE}; got {' '.join(words)!r}")
     if edge and kind != "line":
@@ -76,6 +77,8 @@ def answer_question(record: ShotRecord, words: Sequence[str], edge: bool = False
     try:
         if kind == "contact":
             return call_answers.answer_contact(record, *_split_words(naming, words, naming.find_ball))
+        if kind == "rail":
+            return call_answers.answer_rail(record, *_split_words(naming, words, naming.find_rail))
         if kind == "pocket":
             return call_answers.answer_pocket(record, *_split_words(naming, words, naming.find_pocket))
         if kind == "line":
@@ -101,9 +104,8 @@ def _split_words(naming: Naming, words: Sequence[str], find_second: Callable[[st
     """Split a question into a ball and a second thing, which may both have names of several words."""
     kind, *rest = " ".join(words).split()
     if len(rest) < 2:
-        raise OptionError(
-            f"{kind} needs {'two balls' if kind == 'contact' else 'a ball and a pocket'}; got {' '.join(rest)!r}"
-        )
+        needed = "two balls" if kind == "contact" else f"a ball and a {kind}"
+        raise OptionError(f"{kind} needs {needed}; got {' '.join(rest)!r}")
     halves = [(" ".join(rest[:k]), " ".join(rest[k:])) for k in range(1, len(rest))]
     pairs = [(naming.find_ball(one), find_second(two)) for one, two in halves]
     readings = {(ball, other) for ball, other in pairs if ball and other}
@@ -111,20 +113,20 @@ def _split_words(naming: Naming, words: Sequence[str], find_second: Callable[[st
         return readings.pop()
     if readings:
         raise OptionError(f"the words {' '.join(rest)!r} can be split in several ways")
-    pockets = ", ".join(f"{naming.view.name_pocket(name)} ({name})" for name in POCKETS)
     problems = [
-        (
-            naming.explain_no_ball(one),
-            ""
-            if other
-            else naming.explain_no_ball(two)
-            if kind == "contact"
-            else f"a pocket is one of {pockets}; got {two!r}",
-        )
+        (naming.explain_no_ball(one), "" if other else _explain_no_second(naming, kind, two))
         for (one, two), (_, other) in zip(halves, pairs, strict=True)
     ]
     fewest = min(problems, key=lambda pair: (sum(map(bool, pair)), len("".join(pair))))  # the likeliest split
     raise OptionError("; ".join(filter(None, fewest)))
+
+
+def _explain_no_second(naming: Naming, kind: str, text: str) -> str:
+    """Explain why a text names no second ball, pocket or cushion of a question."""
+    if kind == "contact":
+        return naming.explain_no_ball(text)
+    name, places = (naming.view.name_pocket, POCKETS) if kind == "pocket" else (naming.name_rail, CUSHIONS)
+    return f"a {kind} is one of {', '.join(f'{name(one)} ({one})' for one in places)}; got {text!r}"
 
 
 def answer_call(
@@ -165,7 +167,24 @@ def answer_call(
         pictures, why_not = write_call_images(
             record, call, text, footage, target, [*words, *(("on", on) if on else ())]
         )
-    figures = (*pictures, *filter(None, [share]))
+    answer = state_call(record, call, words, on)
+    return replace(
+        answer, notes=(*answer.notes, *((f"No image: {why_not}",) if why_not else ())),
+        document={**answer.document, "pictures": [str(path) for path in pictures], "no_picture": why_not or None},
+        figures=tuple(map(str, (*pictures, *filter(None, [share])))),
+    )  # fmt: skip
+
+
+def state_call(record: ShotRecord, call: CallAnswer, words: Sequence[str], on: str = "") -> Answer:
+    """State the answer to a question in words and numbers, without images.
+
+    Args:
+        record: Observations and fitted motion of a shot.
+        call: The answer.
+        words: The question, as in `answer_question`.
+        on: What had to be hit first, as in `answer_question`.
+    """
+    text = format_call(call, record.naming)
     parts = [(part, format_call(part, record.naming)) for part in call.parts]
     document = {
         "question": " ".join(words), **_build_document(call, text),
@@ -176,7 +195,6 @@ def answer_call(
             {"met": one.other, "t": one.t, "t_sigma": one.t_sigma, "probability": one.probability} for one in call.path
         ],
         "parts": [{"kind": part.kind, **_build_document(part, own)} for part, own in parts],
-        "pictures": [str(path) for path in pictures], "no_picture": why_not or None,
     }  # fmt: skip
     quantities = [
         Quantity("time", call.t, call.t_sigma, "s"),
@@ -196,8 +214,7 @@ def answer_call(
     return Answer(
         text.question, tuple(filter(None, [text.sentence, format_sequence(call, record.naming)])), text.verdict,
         call.stated_probability, tuple(one for one in quantities if math.isfinite(one.value)), tuple(rows),
-        (*notes, *((f"No image: {why_not}",) if why_not else ())), document=document,
-        figures=tuple(map(str, figures)),
+        tuple(notes), document=document,
     )  # fmt: skip
 
 

@@ -85,7 +85,8 @@ def check_court(path: Path, options: DoorOptions) -> CourtCheck:
         f"{sport.name}: a court of {sport.length:g} x {sport.width:g} m, seen from {scene.camera.centre[2]:.1f} m up."
     )
     document = {
-        "verdict": verdict, "sport": sport.name, "camera": scene.camera.centre, "refusal": "",
+        "verdict": verdict, "sentences": [VERDICT_WORDS[verdict], court, *advice], "sport": sport.name,
+        "camera": scene.camera.centre, "refusal": "",
         "faults": [code for code, level in levels.items() if level in ("doubt", "bad")],
         "measurements": [
             {"code": code, "value": value, "unit": WORDS[code][1], "level": levels[code], "good": LIMITS[code].good,

@@ -20,6 +20,7 @@ from diagnosis.diagnose import diagnose
 from diagnosis.fitting.display_names import format_cause
 from diagnosis.selection.hypotheses import ProgressCallback, SearchOutlook
 from diagnosis.verdicts.verdict import DiagnosisReport
+from models.core.errors import OptionError
 from models.core.typing import FloatArray
 from models.numerics.executor import Executor
 from pipeline.actions.convert_tracks import NOTHING_STATED, ConvertOptions, import_tracks
@@ -136,12 +137,21 @@ def diagnose_into(
     Raises:
         OptionError: The inputs cannot be read, or are no shots of one scene.
     """
+    has_joints = simulator is not None and simulator != POOLTOOL_NAME
+    if has_joints and options != NOTHING_STATED:
+        raise OptionError(
+            "--scene, --fps and --px-per-m are of tracks; a recording of joints has a column t, in s, and its simulator"
+            " states the units: leave them out beside --simulator"
+        )
     require_writable_folder(folder)
-    if simulator is not None and simulator != POOLTOOL_NAME:
+    if simulator is not None and has_joints:
+        from pipeline.reporting.recording.gap_recording import write_gap_recording
+
         with show_search_progress(console, shown_title) as watch:
-            report, origins = diagnose_mechanism(inputs, simulator, 0, watch, workers)
+            report, origins, shots = diagnose_mechanism(inputs, simulator, 0, watch, workers)
         write_gap_files(report, folder)
-        write_gap_page(report, title, folder / "gap.html", origins=origins)
+        write_gap_page(report, title, folder / "gap.html", origins=origins, shots=shots)
+        write_gap_recording(report, shots.simulator, folder / "recording.rrd", title, origins)
         return report, origins
     folders, sources = import_tracks(inputs, folder / "tracks", options)
     read = cut_pendulums(read_track_folders(folders))

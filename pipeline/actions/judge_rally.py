@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from models.estimation.rally.stroke_summary import find_service
 from pipeline.actions.answer_call import open_run_clip
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.reporting.text.rally_sentences import describe_landing_call, format_crossing, format_landing
+from video.io.clip import Clip
 
 QUESTIONS = ("landing", "net")
 # The area of a service, which is the first stroke of a rally.
@@ -45,16 +47,42 @@ def answer_rally_call(
         OptionError: The question is malformed, or names an unknown area.
         TruerollError: The given clip cannot be read.
     """
-    kind, *rest = " ".join(words).split()
+    require_writable_folder(target)
+    answer, call = state_rally_call(rally, words, area, folder)
+    if call is None:
+        return answer
+    figures, why_not = _draw_landing(rally, call, folder, clip, target)
+    return replace(
+        answer, notes=(f"No image: {why_not}",) if why_not else (), figures=figures,
+        document={**answer.document, "pictures": list(figures), "no_picture": why_not or None},
+    )  # fmt: skip
+
+
+def state_rally_call(
+    rally: Rally, words: Sequence[str], area: str | None, folder: Path
+) -> tuple[Answer, LandingCall | None]:
+    """State the answer to a question about a rally in words and numbers, without an image.
+
+    Args:
+        words: As in `answer_rally_call`.
+        area: Name of the area; None for that of the words, else the usual one.
+        folder: Run folder of the rally, which errors name.
+
+    Returns:
+        The answer, and the call of a landing; None for the net.
+
+    Raises:
+        OptionError: The question is malformed, or names an unknown area.
+    """
+    kind, *rest = " ".join(words).split() or [""]
     if kind not in QUESTIONS or (kind == "net" and (rest or area)) or len([*rest, *([area] if area else [])]) > 1:
         question = " ".join([*words, *([f"--{area}"] if area else [])])
         raise OptionError(
             f"{folder} holds a rally of {rally.scene.sport.name}: ask landing, landing with one of"
             f" {', '.join(rally.scene.sport.areas)}, or net; got {question!r}"
         )
-    require_writable_folder(target)
     if kind == "net":
-        return _answer_net(rally)
+        return _answer_net(rally), None
     name = area or (rest[0] if rest else None)
     try:
         call = find_service(rally, name) if name == SERVICE_BOX else judge_landing(rally, name)
@@ -65,13 +93,12 @@ def answer_rally_call(
             "the first stroke of this rally was returned before it landed, or is not known, so the service cannot be"
             " judged; ask landing for the last stroke"
         )
-    return _answer_landing(rally, call, folder, clip, target)
+    return _answer_landing(rally, call), call
 
 
-def _answer_landing(rally: Rally, call: LandingCall, folder: Path, clip: Path | None, target: Path) -> Answer:
+def _answer_landing(rally: Rally, call: LandingCall) -> Answer:
     """Answer where a rally landed."""
     words = format_landing(call, rally)
-    figures, why_not = _draw_landing(rally, call, folder, clip, target)
     quantities = [
         Quantity("distance", 100 * call.distance, 100 * call.distance_sigma, "cm"),
         Quantity("speed", call.speed, call.speed_sigma, "m/s"),
@@ -80,14 +107,10 @@ def _answer_landing(rally: Rally, call: LandingCall, folder: Path, clip: Path | 
         sigma = np.sqrt(np.diag(call.landing.covariance))
         quantities += [Quantity("xyz"[k], float(call.landing.place[k]), float(sigma[k]), "m") for k in range(2)]
         quantities.append(Quantity("time", call.landing.t, call.landing.t_sigma, "s"))
-    document = {
-        "question": "landing", "asked": words.question, **describe_landing_call(call, rally),
-        "pictures": list(figures), "no_picture": why_not or None,
-    }  # fmt: skip
     return Answer(
         words.question, tuple(filter(None, (words.sentence, words.advice))), words.verdict,
         max(call.probability, call.out_probability), tuple(one for one in quantities if math.isfinite(one.value)),
-        notes=(f"No image: {why_not}",) if why_not else (), document=document, figures=figures,
+        document={"question": "landing", "asked": words.question, **describe_landing_call(call, rally)},
     )  # fmt: skip
 
 
@@ -100,12 +123,17 @@ def _draw_landing(
     footage, why_not = open_run_clip(folder, clip)
     if footage is None:
         return (), why_not
+    return write_landing_picture(rally, call, footage, target), ""
+
+
+def write_landing_picture(rally: Rally, call: LandingCall, footage: Clip, target: Path) -> tuple[str, ...]:
+    """Write the close-up of a landing, and return its path."""
     from video.overlay.landing_close_up import draw_landing  # slow to import
 
     path = target / f"call_landing_{re.sub('[^A-Za-z0-9-]+', '_', call.area)}.png"
     with replace_file(path) as part:
         Image.fromarray(draw_landing(footage, rally, call)).save(part, format="PNG")
-    return (str(path),), ""
+    return (str(path),)
 
 
 def _answer_net(rally: Rally) -> Answer:

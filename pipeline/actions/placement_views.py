@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -50,16 +51,22 @@ def write_wanted_places(wanted: WantedPlaces, folder: Path) -> Answer:
     Returns:
         Where every ball lay.
     """
-    places, naming = wanted.places, wanted.naming
-    document = describe_places(places, wanted.place_sigma, wanted.table, wanted.frame)
-    write_places(document, folder)
-    document["no_frame"] = wanted.no_image or None
+    answer = state_wanted_places(wanted)
+    write_places({name: value for name, value in answer.document.items() if name != "no_frame"}, folder)
     figures = [folder / PLAN_IMAGE]
     write_image(_draw_wanted_plan(wanted), figures[0])
     drawn = _draw_wanted_frame(wanted)
     if drawn is not None:
         figures.append(folder / FRAME_IMAGE)
         write_image(drawn, figures[1])
+    return replace(answer, figures=tuple(map(str, figures)))
+
+
+def state_wanted_places(wanted: WantedPlaces) -> Answer:
+    """State where every ball lay in words and numbers, without images."""
+    places, naming = wanted.places, wanted.naming
+    document = describe_places(places, wanted.place_sigma, wanted.table, wanted.frame)
+    document["no_frame"] = wanted.no_image or None
     absent = f"Not on the table: {', '.join(map(naming.name_ball, places.absent))}." if places.absent else ""
     left, right, top, bottom = map(naming.view.name_rail, CUSHIONS)
     return Answer(
@@ -76,8 +83,14 @@ def write_wanted_places(wanted: WantedPlaces, folder: Path) -> Answer:
             *(_list_place_cells(ball, naming) for ball in document["balls"]),
         ),
         notes=tuple(filter(None, (absent, wanted.no_image and f"No image of the clip: {wanted.no_image}"))),
-        document=document, figures=tuple(map(str, figures)),
+        document=document,
     )  # fmt: skip
+
+
+def format_nearest_cushions(wanted: WantedPlaces, ball: int) -> str:
+    """Format the distances of a ball (its index) to the two nearest cushions in mm, such as `left 512, far 300`."""
+    own = 1e3 * measure_cushion_distances(wanted.table, wanted.places.xy[ball : ball + 1])[0]
+    return ", ".join(f"{wanted.naming.view.name_rail(CUSHIONS[k])} {own[k]:.0f}" for k in find_nearest_cushions(own))
 
 
 def _list_place_cells(ball: dict[str, Any], naming: Naming) -> tuple[str, ...]:
@@ -104,11 +117,11 @@ def _draw_wanted_frame(wanted: WantedPlaces) -> ImageArray | None:
     """Draw the wanted places on their frame of the clip; None without a frame or a calibration."""
     if wanted.image is None or wanted.camera is None:
         return None
-    distances, view = 1e3 * measure_cushion_distances(wanted.table, wanted.places.xy), wanted.naming.view
-    rings = []
-    for name, xy, own in zip(wanted.places.ids, wanted.places.xy, distances, strict=True):
-        numbers = ", ".join(f"{view.name_rail(CUSHIONS[k])} {own[k]:.0f}" for k in find_nearest_cushions(own))
-        rings.append(PlacedRing(xy, WANTED_COLOUR, f"{wanted.naming.name_ball(name)}: {numbers}"))
+    view = wanted.naming.view
+    rings = [
+        PlacedRing(xy, WANTED_COLOUR, f"{wanted.naming.name_ball(name)}: {format_nearest_cushions(wanted, k)}")
+        for k, (name, xy) in enumerate(zip(wanted.places.ids, wanted.places.xy, strict=True))
+    ]
     note = f"mm from the centre to the nearest {wanted.naming.rail_word}s"
     header: list[tuple[str, Colour]] = [(format_moment(wanted.places.t), WHITE), (note, NOTE_COLOUR)]
     middles = (

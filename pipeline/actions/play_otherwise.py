@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,11 @@ import numpy as np
 from models.core.answer import Answer, Quantity
 from models.core.errors import NO_STROKE, OptionError, TrackError
 from models.core.events import Events
-from models.core.fit_result import ShotNumbers
-from models.core.naming import Naming
-from models.core.scene import Scene
-from models.core.tracks import Tracks
+from models.core.fit_result import Fit, ShotNumbers, WholeShotFit
+from models.core.shot import Shot
 from models.core.typing import FloatArray
 from models.estimation.changed_shot import (
+    GAMES,
     ChangedShot,
     Game,
     PlayerSpread,
@@ -70,6 +70,10 @@ class StrokePlan:
     pocket: str = ""
     """The only ball and the only pocket that count, by id or name; empty: any."""
 
+    def __post_init__(self) -> None:
+        if self.game not in (None, *GAMES):
+            raise OptionError(f"--game is one of {', '.join(GAMES)}; got {self.game}")
+
 
 def estimate_session_spread(sources: Sequence[Path]) -> PlayerSpread:
     """Estimate the spread of a player from run folders in which one shot is repeated.
@@ -98,6 +102,42 @@ def estimate_session_spread(sources: Sequence[Path]) -> PlayerSpread:
     return PlayerSpread(speed, angle)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class StruckShot:
+    """One stroke of a shot with its ensemble, ready to be played otherwise; equal only to itself, as a key."""
+
+    shot: Shot
+    fit: Fit
+    stroke: int
+    """Its number in the clip, from 0."""
+    ensemble: StruckEnsemble
+
+    @property
+    def times(self) -> FloatArray:
+        """(T,) s after the strike of which a play is kept."""
+        return list_play_times(float(self.shot.tracks.t[-1]) - self.ensemble.t)
+
+
+@dataclass(frozen=True, slots=True)
+class PlayedShot:
+    """A shot that was played otherwise."""
+
+    struck: StruckShot
+    changed: ChangedShot
+    answer: Answer
+
+    def draw_fans(self) -> list[PredictionFan]:
+        """Return the fan of every ball over its observed path since the strike."""
+        ensemble, tracks = self.struck.ensemble, self.struck.shot.tracks
+        since = tracks.t >= ensemble.t - 1e-9
+        return [
+            PredictionFan(
+                name, tracks.xy[since, tracks.ids.index(name)], self.changed.members[:, :, k], np.empty((0, 2))
+            )
+            for k, name in enumerate(ensemble.ids)
+        ]
+
+
 def play_otherwise(
     source: Path, stroke: int, plan: StrokePlan, learned: LearnedTable | None, draws: int, seed: int, folder: Path,
     cache: ResultCache, on_activity: Callable[[str], None] = lambda _: None,
@@ -124,37 +164,78 @@ def play_otherwise(
     """
     on_activity("reading the shot")
     shot = load_shot(source, None, cache)
-    tracks, scene, naming = shot.tracks, shot.scene, shot.naming
-    goal = _find_goal(plan, tracks, scene, naming)
-    fit, solution = view_run(shot), shot.solution
-    if solution is None:
+    find_goal(plan, shot)
+    laws = None
+    if learned is None and shot.solution is not None and view_run(shot).moving.any():
+        words = "finding the contact models that explain the whole shot, once for each shot, up to a minute"
+        laws = load_laws(source, shot, cache, lambda: on_activity(words))
+    on_activity(f"playing the shot {draws} times as it was struck, and {draws} times otherwise")
+    played = play_struck_shot(draw_struck_shot(shot, laws, stroke, learned, draws, seed), plan, seed)
+    require_writable_folder(folder)
+    write_changed_paths(played.struck.ensemble, played.changed, folder / "what_if.csv")
+    write_image(_draw_plays(played), folder / "what_if.png")
+    write_json(played.answer.document, folder / "what_if.json")
+    document = {"folder": str(folder), **played.answer.document}
+    return replace(played.answer, document=document, figures=(str(folder / "what_if.png"),))
+
+
+def draw_struck_shot(
+    shot: Shot, laws: WholeShotFit | None, stroke: int, learned: LearnedTable | None, draws: int, seed: int
+) -> StruckShot:
+    """Draw the ensemble of a stroke.
+
+    Args:
+        laws: What published contact models make of the shot; None where they are not known.
+        stroke: Number of the stroke in the clip, from 0.
+        learned: What other shots taught about the table.
+        draws: Number of plays.
+        seed: Random seed.
+
+    Returns:
+        The stroke.
+
+    Raises:
+        TrackError: Physics could not be fitted, or there is no such stroke.
+    """
+    fit = view_run(shot, laws)
+    if shot.solution is None:
         raise TrackError(f"physics could not be fitted; {fit.trust.reasons[0]}")
     if not fit.moving.any():
         raise TrackError(NO_STROKE)
-    if learned is None:
-        words = "finding the contact models that explain the whole shot, once for each shot, up to a minute"
-        fit = replace(fit, laws=load_laws(source, shot, cache, lambda: on_activity(words)))
-    on_activity(f"playing the shot {draws} times as it was struck, and {draws} times otherwise")
-    ensemble = draw_struck_ensemble(fit, solution, tracks, scene.table, stroke, draws, seed, learned)
-    t = list_play_times(float(tracks.t[-1]) - ensemble.t)
-    real = play_changed_shot(ensemble, StrokeChange(), plan.spread, goal, t, seed)
+    ensemble = draw_struck_ensemble(fit, shot.solution, shot.tracks, shot.scene.table, stroke, draws, seed, learned)
+    return StruckShot(shot, fit, stroke, ensemble)
+
+
+def play_struck_shot(struck: StruckShot, plan: StrokePlan, seed: int) -> PlayedShot:
+    """Play a stroke as it was struck, and otherwise.
+
+    Args:
+        plan: What is changed, and what counts.
+        seed: Random seed of the player's strokes.
+
+    Raises:
+        OptionError: The goal does not suit the shot.
+    """
+    ensemble, naming, t = struck.ensemble, struck.fit.naming, struck.times
+    goal = find_goal(plan, struck.shot)
+    real = _play_as_struck(struck, plan.spread, goal, seed)
     changed = play_changed_shot(ensemble, plan.change, plan.spread, goal, t, seed)
     document = summarize_changed_shot(
-        ensemble, plan.change, plan.spread, plan.spread_source, goal, real, changed, fit.events,
-        (float(tracks.t[-1]), float(t[-1])), fit.shot_numbers[stroke : stroke + 2],
+        ensemble, plan.change, plan.spread, plan.spread_source, goal, real, changed, struck.fit.events,
+        (float(struck.shot.tracks.t[-1]), float(t[-1])), struck.fit.shot_numbers[struck.stroke : struck.stroke + 2],
     )  # fmt: skip
-    require_writable_folder(folder)
-    write_changed_paths(ensemble, changed, folder / "what_if.csv")
-    write_image(_draw_plays(ensemble, changed, tracks, naming), folder / "what_if.png")
-    write_json(document, folder / "what_if.json")
     quantities = tuple(
         Quantity(name, play.probability, play.probability_sigma)
         for name, play in (("chance as struck", real), ("chance otherwise", changed))
     )
-    return Answer(
-        format_what_if_question(document, naming), format_what_if(document, naming), quantities=quantities,
-        document={"folder": str(folder), **document}, figures=(str(folder / "what_if.png"),),
-    )  # fmt: skip
+    question, sentences = format_what_if_question(document, naming), format_what_if(document, naming)
+    return PlayedShot(struck, changed, Answer(question, sentences, quantities=quantities, document=document))
+
+
+@lru_cache(2)
+def _play_as_struck(struck: StruckShot, spread: PlayerSpread, goal: ShotGoal, seed: int) -> ChangedShot:
+    """Play a stroke as it was struck; kept, because a page asks for many changes of one stroke."""
+    return play_changed_shot(struck.ensemble, StrokeChange(), spread, goal, struck.times, seed)
 
 
 def list_play_times(filmed: float) -> FloatArray:
@@ -162,8 +243,9 @@ def list_play_times(filmed: float) -> FloatArray:
     return STEP_S * np.arange(np.ceil(max(SECONDS, filmed) / STEP_S) + 1)
 
 
-def _find_goal(plan: StrokePlan, tracks: Tracks, scene: Scene, naming: Naming) -> ShotGoal:
-    """Find what must happen to score, and refuse what cannot happen on this table."""
+def find_goal(plan: StrokePlan, shot: Shot) -> ShotGoal:
+    """Find what must happen to score; raises OptionError for what cannot happen on this table."""
+    tracks, scene, naming = shot.tracks, shot.scene, shot.naming
     game = plan.game or ("pot" if scene.table.pockets else "carom")
     ball, pocket = naming.find_ball(plan.ball), naming.find_pocket(plan.pocket)
     if game == "pot" and not scene.table.pockets:
@@ -185,18 +267,15 @@ def _did_score(events: Sequence[dict[str, Any]], ensemble: StruckEnsemble, goal:
     return is_scored(group_by_ball(contacts, ensemble.ids), ensemble.ids, ensemble.cue, goal)
 
 
-def _draw_plays(ensemble: StruckEnsemble, changed: ChangedShot, tracks: Tracks, naming: Naming) -> np.ndarray:
-    fans = []
-    for k, name in enumerate(ensemble.ids):
-        plays = changed.members[:, :, k]
-        real = tracks.xy[tracks.t >= ensemble.t - 1e-9, tracks.ids.index(name)]
-        fans.append(PredictionFan(name, real, plays, np.empty((0, 2))))
+def _draw_plays(played: PlayedShot) -> np.ndarray:
+    changed = played.changed
     title = (
         f"Thick lines: the shot played otherwise, until the balls rest or {changed.t[-1]:.1f} s after the strike; the"
         f" stronger the shade, the more of {len(changed.members)} plays pass there.\n"
         "Thin lines: the real shot, until the clip ends."
     )
-    return draw_prediction_fans(ensemble.table, naming, fans, title, is_played_otherwise=True)
+    table, naming = played.struck.ensemble.table, played.struck.fit.naming
+    return draw_prediction_fans(table, naming, played.draw_fans(), title, is_played_otherwise=True)
 
 
 SCHEMA = "trueroll.what-if/1"

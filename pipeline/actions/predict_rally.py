@@ -40,6 +40,20 @@ def predict_rally(rally: Rally, seconds: float, at: float | None, folder: Path) 
     Raises:
         OptionError: The time is outside of what was seen, or no flight is known there.
     """
+    require_writable_folder(folder)
+    path, answer = state_flight_prediction(rally, seconds, at)
+    write_flight_prediction(path, rally.scene.sport.object.name, folder / "prediction.csv")
+    write_json(answer.document, folder / "prediction.json")
+    document = {"folder": str(folder), **answer.document}
+    return replace(answer, document=document, figures=(str(folder / "prediction.csv"),))
+
+
+def state_flight_prediction(rally: Rally, seconds: float, at: float | None) -> tuple[PlacesInSpace, Answer]:
+    """Predict a flight without writing files; the arguments and errors are those of `predict_rally`.
+
+    Returns:
+        The predicted path, and the answer.
+    """
     own = np.flatnonzero(np.isfinite(rally.px[:, 0]))
     if not len(own):
         raise OptionError("nothing was seen to fly in this rally, so nothing can be predicted")
@@ -47,7 +61,6 @@ def predict_rally(rally: Rally, seconds: float, at: float | None, folder: Path) 
     t = last if at is None else at
     if not first + LEAST_PAST_S <= t <= last:
         raise OptionError(f"--at lies within what was seen, {first + LEAST_PAST_S:.3f} to {last:.3f} s; got {t:g}")
-    require_writable_folder(folder)
     past = rally if t == last else explain_past(rally, t)
     if not past.flights:
         raise OptionError(f"no flight is known at {t:g} s; name a later time with --at")
@@ -62,8 +75,6 @@ def predict_rally(rally: Rally, seconds: float, at: float | None, folder: Path) 
         "trust": summarize_trust(assess_rally_trust(past)), "landing": describe_landing_call(call, past),
         "compared": {"frames": len(later), "rms_px": error},
     }  # fmt: skip
-    write_flight_prediction(path, name, folder / "prediction.csv")
-    write_json(document, folder / "prediction.json")
     end = path.xyz[-1]
     spread = np.sqrt(np.maximum(np.diag(path.covariance[-1]), 0.0))
     place = ", ".join(
@@ -73,11 +84,10 @@ def predict_rally(rally: Rally, seconds: float, at: float | None, folder: Path) 
     quantities = [Quantity("xyz"[k], float(end[k]), float(spread[k]), "m") for k in range(3)]
     quantities.append(Quantity("time", float(path.t[-1]), unit="s"))
     compared = f"Seen later in {len(later)} frames, {error:.1f} px (root mean square) from there." if len(later) else ""
-    return Answer(
+    return path, Answer(
         f"Where does the {name} fly from {format_moment(t)}?",
         tuple(filter(None, (sentence, words.sentence if call.landing else "", compared))),
-        quantities=tuple(quantities), document={"folder": str(folder), **document},
-        figures=(str(folder / "prediction.csv"),),
+        quantities=tuple(quantities), document=document,
     )  # fmt: skip
 
 

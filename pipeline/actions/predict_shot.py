@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,37 @@ STEP_S = 0.02
 PATH_HZ = 60.0
 
 
+@dataclass(frozen=True, slots=True)
+class PredictedShot:
+    """Prediction of the rest of a shot, beside what was seen of it."""
+
+    prediction: ShotPrediction
+    number: int
+    """Number of the shot."""
+    tracks: Tracks
+    """All observations, also later ones."""
+    motion: Trajectory
+    """The fitted motion until the moment of the prediction."""
+    naming: Naming
+    calibration_sigma: float
+    """m, of every place, where a camera filmed the shot."""
+    assumed: tuple[str, ...]
+    """What was assumed of the scene."""
+
+    def draw_fans(self) -> list[PredictionFan]:
+        """Return the fan of every ball, over the fitted motion until the moment of the prediction."""
+        prediction, tracks, state = self.prediction, self.tracks, self.prediction.state
+        past = self.motion.at(self.motion.sample_times(PATH_HZ)).xy
+        is_later = (tracks.t > state.t + 1e-9) & (tracks.t <= prediction.t[-1])
+        return [
+            PredictionFan(
+                name, past[:, self.motion.ids.index(name)], prediction.members[:, :, k],
+                tracks.xy[is_later, tracks.ids.index(name)],
+            )
+            for k, name in enumerate(state.ids)
+        ]  # fmt: skip
+
+
 def predict_shot(
     source: Path, seconds: float, at: float | None, number: int | None, learned: LearnedTable | None, seed: int,
     draws: int, folder: Path, cache: ResultCache,
@@ -69,14 +101,30 @@ def predict_shot(
         OptionError: The source is no shot of billiards, or `at` lies outside it.
         TrackError: The motion until then is too short.
     """
-    tracks, scene, number = read_observed_shot(source, number)
     require_writable_folder(folder)
+    predicted = forecast_from(source, seconds, at, number, learned, seed, draws, cache)
+    answer = state_prediction(predicted)
+    write_prediction(predicted.prediction, predicted.number, folder / "prediction.csv")
+    document = {name: value for name, value in answer.document.items() if name != "notes"}
+    write_json(document, folder / "prediction.json")
+    write_image(_draw_prediction(predicted), folder / "prediction.png")
+    return replace(
+        answer, document={"folder": str(folder), **answer.document},
+        figures=(str(folder / "prediction.png"), str(folder / "prediction.csv")),
+    )  # fmt: skip
+
+
+def forecast_from(
+    source: Path, seconds: float, at: float | None, number: int | None, learned: LearnedTable | None, seed: int,
+    draws: int, cache: ResultCache,
+) -> PredictedShot:  # fmt: skip
+    """Predict the rest of a shot without writing files; the arguments and errors are those of `predict_shot`."""
+    tracks, scene, number = read_observed_shot(source, number)
     first, last = float(tracks.t[0]), float(tracks.t[-1])
     t = last if at is None else at
     if not first <= t <= last:
         raise OptionError(f"--at lies within what was seen, {first:.3f} to {last:.3f} s; got {t:g}")
     times = _list_prediction_times(tracks, t, seconds)
-    naming = build_naming(scene.table, scene.camera, tracks.ids, tracks.looks)
     shots: list[Shot] = []
 
     def explain_past(past: Tracks, place: Scene) -> Shot:
@@ -85,33 +133,37 @@ def predict_shot(
 
     state = estimate_state(tracks, scene, t, learned, explain_past)
     prediction = forecast_shot(state, times, seed, draws)
-    later = check_prediction(prediction, tracks)
-    document = summarize_prediction(prediction, number, later if len(later.t) else None, naming)
-    write_prediction(prediction, number, folder / "prediction.csv")
-    write_json(document, folder / "prediction.json")
-    write_image(_draw_prediction(prediction, tracks, view_shot(shots[0]).trajectory, naming), folder / "prediction.png")
+    motion, naming = view_shot(shots[0]).trajectory, build_naming(scene.table, scene.camera, tracks.ids, tracks.looks)
+    calibration, assumed = 0.0 if scene.camera is None else NOSE_SIGMA, () if has_shot(source) else scene.notes
+    return PredictedShot(prediction, number, tracks, motion, naming, calibration, assumed)
+
+
+def state_prediction(predicted: PredictedShot) -> Answer:
+    """State a prediction in words and numbers, with the difference from what was seen later."""
+    prediction, naming, state = predicted.prediction, predicted.naming, predicted.prediction.state
+    later = check_prediction(prediction, predicted.tracks)
+    document = summarize_prediction(prediction, predicted.number, later if len(later.t) else None, naming)
     compared = [
         (naming.name_ball(row["id"]), format_moment(row["t"]),
          *(f"{one} cm" for one in format_measured(row["error_mm"] / 10, row["sigma_mm"] / 10, 1)),
          "-" if row["within_90"] is None else f"{100 * row['within_90']:.0f} %")
         for row in document["compared"] or ()
     ]  # fmt: skip
-    calibration = NOSE_SIGMA if scene.camera is not None else 0.0
-    assumed = () if has_shot(source) else scene.notes
     why = state.trust.reasons[0] if state.trust.level == "red" else ""
     return Answer(
-        f"Where do the balls go from {format_moment(t)} to {format_moment(times[-1])}?",
+        f"Where do the balls go from {format_moment(state.t)} to {format_moment(prediction.t[-1])}?",
         tuple(ball["sentence"] for ball in document["balls"]),
         quantities=tuple(
-            Quantity(axis, ball["end"][axis], float(np.hypot(ball["end"]["sigma"], calibration)), "m", ball["id"],
-                     naming.name_ball(ball["id"]))
+            Quantity(axis, ball["end"][axis], float(np.hypot(ball["end"]["sigma"], predicted.calibration_sigma)), "m",
+                     ball["id"], naming.name_ball(ball["id"]))
             for ball in document["balls"] if ball["end"]
             for axis in "xy"
         ),
         rows=(("seen later", "at", "off by", "expected ±", "time inside the 90 % area"), *compared) if compared else (),
-        notes=(*((f"Do not trust this: {why}",) if why else ()), *(f"Note: {note}." for note in assumed)),
-        document={"folder": str(folder), "notes": list(assumed), **document},
-        figures=(str(folder / "prediction.png"), str(folder / "prediction.csv")),
+        notes=(
+            *((f"Do not trust this: {why}",) if why else ()), *(f"Note: {note}." for note in predicted.assumed),
+        ),
+        document={"notes": list(predicted.assumed), **document},
     )  # fmt: skip
 
 
@@ -123,24 +175,15 @@ def _list_prediction_times(tracks: Tracks, t: float, seconds: float) -> np.ndarr
     return np.unique(np.concatenate([even[is_apart], later]))
 
 
-def _draw_prediction(prediction: ShotPrediction, tracks: Tracks, motion: Trajectory, naming: Naming) -> np.ndarray:
+def _draw_prediction(predicted: PredictedShot) -> np.ndarray:
     """Draw where the balls may go, over the fitted motion until then."""
-    state = prediction.state
-    past = motion.at(motion.sample_times(PATH_HZ)).xy
-    is_later = (tracks.t > state.t + 1e-9) & (tracks.t <= prediction.t[-1])
-    fans = [
-        PredictionFan(
-            name, past[:, motion.ids.index(name)], prediction.members[:, :, k],
-            tracks.xy[is_later, tracks.ids.index(name)],
-        )
-        for k, name in enumerate(state.ids)
-    ]  # fmt: skip
+    prediction, fans = predicted.prediction, predicted.draw_fans()
     dots = " Dots: what was seen." if any(len(fan.later_path) for fan in fans) else ""
     title = (
-        f"From {format_moment(state.t)} to {format_moment(prediction.t[-1])}. The stronger the shade, the more of"
-        f" {len(prediction.members)} possible courses pass there. Line: the most typical one.{dots}"
+        f"From {format_moment(prediction.state.t)} to {format_moment(prediction.t[-1])}. The stronger the shade, the"
+        f" more of {len(prediction.members)} possible courses pass there. Line: the most typical one.{dots}"
     )
-    return draw_prediction_fans(state.table, naming, fans, title)
+    return draw_prediction_fans(prediction.state.table, predicted.naming, fans, title)
 
 
 def write_prediction(prediction: ShotPrediction, shot: int, path: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -57,29 +57,26 @@ class WantedPlaces:
     """The camera at that time; None for a folder without calibration."""
     frame: float
     """Number of the frame of that time; just before a strike, of the last one before it."""
-    image: ImageArray | None
-    """(H, W, 3) that frame of the clip; None if it cannot be read."""
-    no_image: str
-    """Why there is no image; else empty."""
+    image: ImageArray | None = None
+    """(H, W, 3) that frame of the clip; None if it was not or cannot be read."""
+    no_image: str = ""
+    """Why it cannot be read; else empty."""
     stored_scale: tuple[float, float] = (1.0, 1.0)
     """Pixels of the clip's file per pixel of the image, along x and y."""
 
 
-def locate_wanted_places(record: ShotRecord, folder: Path, at: float | None, clip: Path | None) -> WantedPlaces:
-    """Locate the balls of a shot at one time, and read that frame of its clip.
+def locate_wanted_places(record: ShotRecord, at: float | None) -> WantedPlaces:
+    """Locate the balls of a shot at one time.
 
     Args:
         record: The shot.
-        folder: Its run folder.
         at: Time, s; None for just before the strike.
-        clip: Video of the shot; None for the one that the run noted.
 
     Returns:
-        The places.
+        The places, without the frame of the clip.
 
     Raises:
         OptionError: The time is outside the shot.
-        TruerollError: The given clip cannot be read.
     """
     first, last = float(record.shown[0]), float(record.shown[-1])
     if at is not None and not first <= at <= last:
@@ -92,14 +89,32 @@ def locate_wanted_places(record: ShotRecord, folder: Path, at: float | None, cli
     if camera is not None:
         sigma = np.hypot(sigma, estimate_place_sigma(camera, record.table, places.xy))
         camera = shift_camera(camera, estimate_drift(record, camera, float(record.shown[nearest])))
-    image, why_not, scale = None, "the folder has no calibration", (1.0, 1.0)
-    if camera is not None:
-        footage, why_not = open_run_clip(folder, clip)
-        if footage is not None:
-            ((_, image),) = read_frames(footage, indices=record.frame[[nearest]])
-            scale = footage.stored_scale
-    frame = float(record.frame[nearest])
-    return WantedPlaces(places, sigma, record.table, record.naming, camera, frame, image, why_not, scale)
+    why_not = "the folder has no calibration" if camera is None else ""
+    return WantedPlaces(
+        places, sigma, record.table, record.naming, camera, float(record.frame[nearest]), no_image=why_not
+    )
+
+
+def read_wanted_frame(wanted: WantedPlaces, folder: Path, clip: Path | None) -> WantedPlaces:
+    """Read the frame of the wanted places.
+
+    Args:
+        folder: Run folder of the shot.
+        clip: Video of the shot; None for the one that the run noted.
+
+    Returns:
+        The places with the frame, or with the reason why it cannot be read.
+
+    Raises:
+        TruerollError: The given clip cannot be read.
+    """
+    if wanted.camera is None:
+        return wanted
+    footage, why_not = open_run_clip(folder, clip)
+    if footage is None:
+        return replace(wanted, no_image=why_not)
+    ((_, image),) = read_frames(footage, indices=[int(wanted.frame)])
+    return replace(wanted, image=image, stored_scale=footage.stored_scale)
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,9 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from models.core.errors import ClipError, OptionError
-from pipeline.chain import STAGE_FILES
-from pipeline.io.run_folder import SOURCE_FILE
-from pipeline.stages.render_stage import SLOW_FILE
+from pipeline.io.run_folder import SOURCE_FILE, STAGE_FILES
 from video.io.clip_digest import FileState, read_file_state
 from video.io.decoder import open_container
 from video.io.image_sequence import is_image_sequence
@@ -265,7 +263,7 @@ def estimate_bytes(films: Iterable[FilmLength], options: RenderOptions) -> float
 
     The cache takes as much again.
     """
-    last = "report.html" if options.no_video else SLOW_FILE
+    last = STAGE_FILES["report" if options.no_video else "render"][0]
     slow = 0.0 if options.no_video else options.slow
     return sum(
         SHOT_BYTES + film.frames * (FRAME_BYTES + slow * (SLOW_FRAME_BYTES + SLOW_PIXEL_BYTES * film.pixels))

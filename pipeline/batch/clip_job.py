@@ -6,10 +6,12 @@ import json
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pipeline.reporting.text.text_formatting import escape_text
-from pipeline.run_options import RunOptions, build_options
+
+if TYPE_CHECKING:
+    from pipeline.run_options import RunOptions
 
 # Attempts for a clip whose process dies unexpectedly. Three deaths in a row are taken as a fault of the clip.
 MAX_TRIES = 3
@@ -46,10 +48,14 @@ class ClipJob:
     settings: Mapping[str, Any]
     """Values of all settings by name."""
     limits: ClipLimits = ClipLimits()
+    preview: str = ""
+    """JPEG file that shows a frame with what is found in it so far, for who follows the run; empty for none."""
 
     @property
     def options(self) -> RunOptions:
         """The options of all stages, built from the settings."""
+        from pipeline.run_options import build_options  # slow to import, and only the process of the clip needs it
+
         return build_options(dict(self.settings))
 
     def to_json(self) -> str:

@@ -11,6 +11,7 @@ from typing import Protocol
 from models.numerics.jit import measure_compilation
 from pipeline.batch.clip_discovery import FilmLength, describe_room, estimate_bytes
 from pipeline.batch.clip_job import ClipJob, ClipResult, build_failed_result, format_duration
+from pipeline.batch.first_results import FirstResults
 from pipeline.chain import FinishedRally, FinishedRun, run_clip, write_source
 from pipeline.engine.atomic_write import remove_leftovers, replace_file, require_writable_folder, write_text
 from pipeline.engine.result_cache import ResultCache
@@ -19,12 +20,15 @@ from pipeline.engine.stage_graph import RunWatcher
 from pipeline.recording_shots import find_recording_shots
 from pipeline.reporting.text.text_formatting import format_error
 from pipeline.run_options import RunOptions
+from pipeline.stages.detect_stage import load_detectors
 from pipeline.stages.kernel_preparation import KernelPreparation
 from pipeline.stages.read_stage import open_frame_memory
 from pipeline.stages.shot_stages import ClipShot
 
 # The project's code that this process runs; a later edit counts for the next process.
 SNAPSHOT = SourceSnapshot()
+# Compiles the kernels of the first clip before it is there, if that is asked for.
+KERNELS = KernelPreparation()
 TRUST_LEVELS = ("green", "amber", "red")
 # Events that are contacts of balls: with each other, a cushion, a racket, the ground or the net.
 CONTACTS = ("ball", "cushion", "hit", "bounce", "net", "landing")
@@ -39,6 +43,10 @@ class ShotWatcher(RunWatcher, Protocol):
 
     def write_note(self, sentence: str) -> None:
         """Pass on a sentence for the user."""
+        ...
+
+    def write_results(self, sentences: Sequence[str]) -> None:
+        """Pass on first results, which are longer each time; the image of them may be new."""
         ...
 
 
@@ -74,18 +82,29 @@ def run_job(job: ClipJob, watcher: ShotWatcher) -> ClipResult:
         return replace(result, compiling=round(measure(), 3))
 
 
+def prepare_run() -> None:
+    """Load what any run needs: modules, networks and compiled code; without the last, start to compile it."""
+    load_detectors()
+    KERNELS.prepare()
+
+
 def _run_clip_or_shots(job: ClipJob, watcher: ShotWatcher) -> ClipResult:
     """Run a clip as a whole, or each of its shots if it is a long recording."""
     cache, counted = ResultCache(Path(job.cache), mark=job.mark), CacheUseWatcher(watcher)
     clip, folder, options = Path(job.clip), Path(job.folder), job.options
     remove_leftovers(folder)
+    first = FirstResults(Path(job.preview), watcher.write_results) if job.preview else None
+    listener = None if first is None else first.follow
     with open_frame_memory() as memory:
         shots = find_recording_shots(clip, options, cache, counted, SNAPSHOT, memory).shots
         if not shots:
             with KernelPreparation() as kernels:
                 run = run_clip(
-                    clip, folder, options, cache, counted, snapshot=SNAPSHOT, start_helpers=kernels.start, memory=memory
-                )
+                    clip, folder, options, cache, counted, snapshot=SNAPSHOT, start_helpers=kernels.start,
+                    memory=memory, result_listener=listener,
+                )  # fmt: skip
+            if first is not None:
+                first.conclude(run)
             return _summarize_runs(job, [run], "", counted.cached)
     watcher.write_note(f"{job.name}: {_plan_shots(shots, folder, cache, options)}")
     ran = _run_shots(job, shots, cache, counted, watcher)

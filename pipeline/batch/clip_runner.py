@@ -4,6 +4,7 @@
     {"stage": "detect", "share": 0.4}        progress of a stage
     {"shot": [3, 17], "done": 0.1}           the third of seventeen shots of a long recording begins, after a tenth
     {"note": "..."}                          a sentence for the user
+    {"found": ["..."]}                       first results in sentences, or a new image of them; see `first_results`
     {"row": "..."}                           the result of the clip
 
 It may be killed at any moment, by a limit or by a fault of a decoder, without harm to its parent. When its input ends,
@@ -19,6 +20,7 @@ import signal
 import sys
 import threading
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
@@ -31,6 +33,8 @@ if TYPE_CHECKING:
 MESSAGE_INTERVAL_S = 0.2
 # Time to remove unfinished files once the parent has died, s.
 CLEANUP_S = 5.0
+# Line that asks for what any clip needs, before there is a clip.
+PREPARE = "prepare"
 # Set while a clip runs, when there may be unfinished files.
 IS_RUNNING = threading.Event()
 
@@ -63,6 +67,10 @@ class ProgressWriter:
         """Report a sentence for the user."""
         self.write_message(note=sentence)
 
+    def write_results(self, sentences: Sequence[str]) -> None:
+        """Report first results, which are longer each time; the image of them may be new."""
+        self.write_message(found=list(sentences))
+
     def _write_share(self, stage: str, share: float) -> None:
         if time.monotonic() >= self._next:
             self._next = time.monotonic() + MESSAGE_INTERVAL_S
@@ -79,11 +87,14 @@ def main() -> NoReturn:
     jobs: queue.SimpleQueue[str | None] = queue.SimpleQueue()
     threading.Thread(target=_queue_jobs, args=(jobs,), daemon=True).start()
     from pipeline.batch.clip_job import ClipJob
-    from pipeline.batch.clip_run import run_job
+    from pipeline.batch.clip_run import prepare_run, run_job
 
     writer = ProgressWriter(out)
     writer.write_message(ready=True)
     while (line := jobs.get()) is not None:
+        if line.strip() == PREPARE:
+            prepare_run()
+            continue
         IS_RUNNING.set()
         row = run_job(ClipJob.from_json(line), writer)
         IS_RUNNING.clear()

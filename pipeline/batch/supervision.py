@@ -213,6 +213,14 @@ class SupervisedProcess:
             )
             self._child = _ChildProcess(process, errors)
 
+    def prepare(self) -> None:
+        """Start the process if there is none, and let it load what any clip needs, without waiting for either."""
+        self.start()
+        child = self._child
+        if child is not None and child.process.stdin is not None:
+            with suppress(OSError):  # it has died already; the first clip starts another one
+                child.process.stdin.write(f"{clip_runner.PREPARE}\n".encode())
+
     def _ready_process(self) -> _ChildProcess:
         """Return the process when it is ready; start it if there is none."""
         self.start()

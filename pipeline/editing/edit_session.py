@@ -11,11 +11,12 @@ from models.core.corrections import Corrections
 from models.core.naming import Naming
 from models.core.progress import Progress
 from models.estimation.hand_marks.resolved_marks import update_ball_names
-from pipeline.chain import STAGE_FILES, find_report_tables, hash_tables, run_clip, run_tables
-from pipeline.editing.edited_clip import EditedClip, FrameImages
+from pipeline.chain import find_report_tables, hash_tables, run_clip, run_tables
+from pipeline.editing.edited_clip import EditedClip
 from pipeline.editing.run_view import ClipRun, describe_run
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.corrections_file import CorrectionsFile, describe_corrections, read_corrections, write_corrections
+from pipeline.io.run_folder import STAGE_FILES
 from pipeline.recording_shots import read_recording_shot
 from pipeline.reporting.text.fit_sentences import format_corrections, format_recomputed
 from pipeline.reporting.text.text_formatting import format_error
@@ -60,15 +61,20 @@ class EditStatus:
 class EditSession:
     """The corrections of one clip and its runs; safe to use from several threads."""
 
-    def __init__(self, edited: EditedClip, options: RunOptions, cache: ResultCache) -> None:
-        """Start the session and its first run.
+    def __init__(
+        self, edited: EditedClip, options: RunOptions, cache: ResultCache, shown: ClipRun | None = None,
+        on_change: Callable[[], None] = lambda: None,
+    ) -> None:  # fmt: skip
+        """Start the session, and its first run unless there is one to begin with.
 
         Args:
             edited: Clip and run folder.
             options: Options of the run; those that a person can correct are what the corrections start from.
+            shown: The saved run of the folder; None to run the clip.
+            on_change: Called after each change of the corrections or of the shown run.
         """
         self.edited = edited
-        self._options, self._cache = options, cache
+        self._options, self._cache, self._on_change = options, cache, on_change
         self._lock = threading.Condition()
         self._file = self._start_from(read_corrections(edited.path, edited.digest))
         self._undo: list[Corrections] = []
@@ -77,10 +83,12 @@ class EditSession:
         self._view: dict[str, Any] | None = None
         self._result, self._stage, self._share, self._error = -1, "", 0.0, ""
         self._outputs, self._notice = "missing", ""
-        self._first_revision = self._file.revision
+        self._first_revision, self._tables = self._file.revision, hash_tables(edited.folder)
         self._wanted: Literal["", "tables", "all"] = "tables"
+        if shown is not None:
+            self._wanted = ""
+            self._show((shown, describe_run(shown, None, self._file.corrections)), self._file.revision)
         self._is_closed = False
-        self._frames: FrameImages | None = None
         self._worker = threading.Thread(target=self._work, daemon=True)
         self._worker.start()
 
@@ -92,6 +100,13 @@ class EditSession:
                 self._file.revision, self._result, self._stage, self._share, self._error, self._outputs,
                 bool(self._undo), bool(self._redo),
             )  # fmt: skip
+
+    @property
+    def is_outdated(self) -> bool:
+        """Whether another program has written the run folder since this session did, or began."""
+        with self._lock:
+            is_idle = not self._stage and not self._wanted and self._result == self._file.revision
+            return is_idle and hash_tables(self.edited.folder) != self._tables
 
     def describe(self) -> dict[str, Any]:
         """Describe corrections and run for the page."""
@@ -107,12 +122,6 @@ class EditSession:
                 "notice": self._notice,
                 "run": self._view,
             }
-
-    def read_frame(self, frame: int) -> bytes | None:
-        """Read a frame of the recording as JPEG; None if there is none."""
-        with self._lock:
-            frames = self._frames
-        return None if frames is None else frames.read(frame)
 
     def change(self, corrections: Corrections, revision: int) -> None:
         """Replace the corrections, write them and run the clip again.
@@ -164,8 +173,6 @@ class EditSession:
             self._is_closed = True
             self._lock.notify_all()
         self._worker.join(CLOSE_WAIT_S)
-        if self._frames is not None:
-            self._frames.close()
 
     def _write(self, corrections: Corrections, revision: int) -> None:
         """Write corrections if `revision` is still that of the file; the caller holds the lock."""
@@ -185,6 +192,7 @@ class EditSession:
         self._file = content
         self._options = reset_settings(self._options)
         self._request()
+        self._on_change()
 
     def _start_from(self, saved: CorrectionsFile) -> CorrectionsFile:
         """Return the content of the corrections file, with the options of the run where it does not set them.
@@ -233,13 +241,10 @@ class EditSession:
         path, folder, shot = self.edited.path, self.edited.folder, self._read_shot(watcher)
         tables = hash_tables(folder)
         publishes = not tables or revision != self._first_revision
-        run = ClipRun(*run_tables(path, folder, options, self._cache, watcher, shot, publishes))
+        clip, scene, tracks, fit, digest = run_tables(path, folder, options, self._cache, watcher, shot, publishes)
+        run = ClipRun(float(clip.fps), scene, tracks, fit, digest)
         differs = not publishes and run.tables != tables
         self._notice = format_recomputed(str(folder), watcher.ran) if differs else ""
-        if self._frames is None:
-            frames = FrameImages(run.clip)
-            with self._lock:
-                self._frames = frames
         return run
 
     def _assess_outputs(self, run: ClipRun) -> str:
@@ -259,16 +264,19 @@ class EditSession:
     def _show(self, result: tuple[ClipRun, dict[str, Any]] | None, revision: int) -> None:
         run = self._run if result is None else result[0]
         outputs = "missing" if run is None else self._assess_outputs(run)
+        tables = hash_tables(self.edited.folder)
         with self._lock:
-            self._stage, self._share, self._outputs = "", 0.0, outputs
+            self._stage, self._share, self._outputs, self._tables = "", 0.0, outputs, tables
             if result is not None:
                 (self._run, self._view), self._result = result, revision
+        self._on_change()
 
     def _fail(self, sentence: str, revision: int) -> None:
         with self._lock:
             self._stage, self._share = "", 0.0
             if revision == self._file.revision:
                 self._error = sentence
+        self._on_change()
 
     def _note_progress(self, stage: str, share: float) -> None:
         """Note the progress of the run; stop it if it is out of date."""

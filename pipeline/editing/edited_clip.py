@@ -5,24 +5,27 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import cv2
 
 from models.core.errors import OptionError, TruerollError
+from models.core.typing import ImageArray
 from pipeline.chain import default_run_folder, hash_clip
-from pipeline.io.run_folder import SOURCE_FILE, read_scene_document
+from pipeline.io.run_folder import SOURCE_FILE
 from pipeline.io.saved_shot import holds_rally
+from pipeline.io.strict_json import read_json
 from pipeline.run_options import RunOptions, build_options, list_changed_values
 from video.io.clip import Clip, read_frames
 
 # Of the frames of the page: no visible block at four times magnification.
 JPEG_QUALITY = 88
-# Longest wait of a request for a frame that is not decoded yet, s.
-FRAME_WAIT_S = 20.0
+# Frames that are decoded at once, about one second, and parts of which the images are kept: some 20 MB.
+PART_FRAMES, KEPT_PARTS = 30, 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,22 +66,38 @@ def find_edited_clip(target: Path, out: Path | None) -> EditedClip:
         if target.is_dir() and not any(target.glob("*.png")):
             raise OptionError(f"A run folder or a clip was expected; {target} is neither: first do trueroll run CLIP")
         return EditedClip(target, out if out is not None else default_run_folder(target), hash_clip(target))
+    if holds_rally(target):
+        raise OptionError(f"{target} holds a rally; corrections by hand are for shots of billiards so far")
+    return find_run_clip(target)
+
+
+def find_run_clip(folder: Path) -> EditedClip:
+    """Find the clip of a run folder.
+
+    Args:
+        folder: The run folder, of a shot or a rally.
+
+    Returns:
+        Clip and folder.
+
+    Raises:
+        OptionError: The folder names no clip, or the clip has been moved or changed.
+    """
     try:
-        noted = json.loads((target / SOURCE_FILE).read_text(encoding="utf-8"))
+        noted = json.loads((folder / SOURCE_FILE).read_text(encoding="utf-8"))
         path = Path(noted["path"])
         first, stop = (int(noted["first"]), int(noted["stop"])) if "first" in noted else (None, None)
         settings = dict(noted.get("settings", {}))
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise OptionError(f"{target / SOURCE_FILE} does not name the clip of the run; run it again") from error
+        raise OptionError(f"{folder / SOURCE_FILE} does not name the clip of the run; run it again") from error
     if not path.exists():
         raise OptionError(f"The clip of this run is no longer at {path}; move it back, or run it where it is now")
-    if holds_rally(target):
-        raise OptionError(f"{target} holds a rally; corrections by hand are for shots of billiards so far")
     digest = hash_clip(path)
-    expected = (read_scene_document(target / "scene.json").get("clip") or {}).get("sha256", digest)
+    scene = read_json(folder / "scene.json", "A run folder has a scene.json")
+    expected = (scene.get("clip") or {}).get("sha256", digest)
     if expected != digest:
-        raise OptionError(f"{path} has changed since {target} was computed; run it again")
-    return EditedClip(path, target, digest, first, stop, settings)
+        raise OptionError(f"{path} has changed since {folder} was computed; run it again")
+    return EditedClip(path, folder, digest, first, stop, settings)
 
 
 def continue_run_options(edited: EditedClip, options: RunOptions) -> RunOptions:
@@ -101,15 +120,11 @@ def continue_run_options(edited: EditedClip, options: RunOptions) -> RunOptions:
 
 
 class FrameImages:
-    """Frames of a clip as JPEG files in a temporary folder, decoded once in the background."""
+    """Frames of a clip as JPEG, decoded some at a time where they are asked for; safe to use from several threads."""
 
     def __init__(self, clip: Clip) -> None:
-        self._clip = clip
-        self._folder = TemporaryDirectory(prefix="trueroll-edit-")
-        self._ready = {int(frame): threading.Event() for frame in clip.frames}
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._decode, daemon=True)
-        self._thread.start()
+        self._clip, self._lock = clip, threading.Lock()
+        self._decode_part = lru_cache(KEPT_PARTS)(self._decode)
 
     def read(self, frame: int) -> bytes | None:
         """Read a frame.
@@ -120,36 +135,24 @@ class FrameImages:
         Returns:
             JPEG; None if there is no such frame, or it cannot be decoded.
         """
-        ready = self._ready.get(frame)
-        if ready is None or not ready.wait(FRAME_WAIT_S):
+        row = frame - self._clip.first_frame
+        if not 0 <= row < self._clip.frame_count:
             return None
-        try:
-            return self._path(frame).read_bytes()
-        except OSError:
-            return None
+        with self._lock:
+            return self._decode_part(row // PART_FRAMES).get(frame)
 
-    def close(self) -> None:
-        """End the decoding and remove the files."""
-        self._stop.set()
-        self._thread.join()
-        self._folder.cleanup()
+    def _decode(self, part: int) -> dict[int, bytes]:
+        """Decode a part of the clip; what cannot be decoded is left out."""
+        images: dict[int, bytes] = {}
+        first, end = self._clip.first_frame + part * PART_FRAMES, self._clip.first_frame + self._clip.frame_count
+        own = self._clip.extract_subclip(first, min(first + PART_FRAMES, end))
+        with suppress(TruerollError, OSError):  # the page shows which frame is missing
+            for frame, rgb in read_frames(own, indices=own.frames):
+                images[frame] = encode_jpeg(rgb)
+        return images
 
-    def _path(self, frame: int) -> Path:
-        return Path(self._folder.name) / f"{frame:06d}.jpg"
 
-    def _decode(self) -> None:
-        """Decode all frames in order."""
-        try:
-            for frame, rgb in read_frames(self._clip, indices=self._clip.frames):
-                if self._stop.is_set():
-                    return
-                _, code = cv2.imencode(
-                    ".jpg", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), (cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY)
-                )
-                self._path(frame).write_bytes(code.tobytes())
-                self._ready[frame].set()
-        except (TruerollError, OSError):  # the page shows which frame is missing
-            pass
-        finally:
-            for event in self._ready.values():
-                event.set()
+def encode_jpeg(rgb: ImageArray) -> bytes:
+    """Encode an image (H, W, 3) for a page."""
+    _, code = cv2.imencode(".jpg", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), (cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY))
+    return code.tobytes()

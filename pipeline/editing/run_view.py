@@ -17,6 +17,7 @@ from models.core.naming import Naming
 from models.core.number_format import format_probability
 from models.core.scene import CUSHIONS, Game, Scene, Table
 from models.core.tracks import Tracks
+from models.core.typing import FloatArray, IntArray
 from models.estimation.contact_test.shot_record import make_shot_record
 from models.estimation.hand_marks.resolved_marks import update_ball_names
 from pipeline.reporting.pages.run_report import answer_standard_questions
@@ -25,7 +26,6 @@ from pipeline.reporting.text.check_list import select_check_places
 from pipeline.reporting.text.check_sentences import format_check_place
 from pipeline.reporting.text.fit_sentences import format_outcomes
 from pipeline.reporting.text.text_formatting import format_event, format_event_time
-from video.io.clip import Clip
 
 # s within which events of two runs with the same bodies are one.
 SAME_EVENT_S = 0.1
@@ -41,14 +41,28 @@ GAME_CLASSES: dict[Game, tuple[str, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class ClipRun:
-    """The values of the stages of a run that the page needs."""
+    """The values of a run that the page needs."""
 
-    clip: Clip
+    fps: float
+    """Nominal frame rate of the clip, 1/s."""
     scene: Scene
     tracks: Tracks
     fit: Fit
     tables: str = ""
     """Digest of its tables."""
+
+    @property
+    def frames(self) -> dict[str, Any]:
+        """Numbers and times of its frames, as JSON values; duplicates between distinct frames are counted too."""
+        return describe_frames(self.tracks.frame, self.tracks.t)
+
+
+def describe_frames(distinct: IntArray, t: FloatArray) -> dict[str, Any]:
+    """Describe frames by the distinct ones (T,) and their times (T,), s."""
+    count = int(distinct[-1] - distinct[0]) + 1 if len(distinct) else 0
+    first = int(distinct[0]) if count else 0
+    times = np.interp(np.arange(first, first + count), distinct, t) if count else np.empty(0)
+    return {"first": first, "count": count, "distinct": distinct.tolist(), "t": np.round(times, 5).tolist()}
 
 
 def describe_run(run: ClipRun, before: ClipRun | None, corrections: Corrections = NO_CORRECTIONS) -> dict[str, Any]:
@@ -61,20 +75,15 @@ def describe_run(run: ClipRun, before: ClipRun | None, corrections: Corrections 
     Returns:
         JSON values.
     """
-    clip, scene, tracks, fit = run.clip, run.scene, run.tracks, run.fit
+    scene, tracks, fit = run.scene, run.tracks, run.fit
     trust = fit.trust
     calls = list_calls(run)
     naming = fit.naming
     return {
-        "frames": {
-            "first": clip.first_frame,
-            "count": clip.frame_count,
-            "distinct": clip.distinct_frames.tolist(),
-            "t": np.round(clip.t, 5).tolist(),
-        },
+        "frames": run.frames,
         "image": [scene.camera.width_px, scene.camera.height_px],
         "moves": scene.camera.motion is not None,
-        "fps": round(float(clip.fps), 4),
+        "fps": round(run.fps, 4),
         "corners": np.round(scene.camera.corners_px, 3).tolist(),
         "classes": list(GAME_CLASSES[scene.table.game]),
         "table": {"name": scene.table.name, "length": scene.table.length, "width": scene.table.width},
@@ -254,7 +263,7 @@ def _describe_events(run: ClipRun) -> list[dict[str, Any]]:
     return [
         {
             "kind": events.kind[k], "t": round(float(events.t[k]), 5), "t_sigma": float(events.t_sigma[k]),
-            "frame": round(float(events.frame[k]), 3), "a": events.a[k], "b": events.b[k],
+            "frame": round(float(events.frame[k]), 3), "a": events.a[k], "b": events.b[k], "xy": events.xy[k].tolist(),
             "px": _round_pixels(run.scene, events.xy[k], int(events.frame[k])),
             "probability": round(float(events.probability[k]), 4), "text": format_event(events, k, run.fit.naming),
             "share": format_probability(events.probability[k]), "when": format_event_time(events, k),

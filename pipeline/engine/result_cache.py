@@ -29,6 +29,9 @@ from pipeline.engine.atomic_write import remove_leftovers, replace_file, replace
 from pipeline.engine.source_fingerprint import library_versions
 from pipeline.engine.stage import Stage
 
+# Environment variable that names the folder of the cache.
+CACHE_VARIABLE = "TRUEROLL_CACHE"
+
 
 @dataclass(frozen=True, slots=True)
 class CacheKey:
@@ -319,7 +322,7 @@ def default_cache_root() -> Path:
     Returns:
         $TRUEROLL_CACHE, else `trueroll` in $XDG_CACHE_HOME or ~/.cache.
     """
-    if folder := os.environ.get("TRUEROLL_CACHE"):
+    if folder := os.environ.get(CACHE_VARIABLE):
         return Path(folder)
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "trueroll"
 

@@ -19,7 +19,7 @@ from video.io.clip import Clip
 
 TRAJECTORY_HZ = 1000.0
 # Units of `FLIGHT_PARAMETERS`; a turn-over drag is one too.
-UNITS = ("m", "m", "m", "m/s", "m/s", "m/s", "1/m", "1/m", "1/m", "1/m", "1/m")
+UNITS = ("m", "m", "m", "m/s", "m/s", "m/s", "1/m", "1/m", "1/m", "1/m", "1/m", "1", "1")
 CAMERA_PARAMETERS = (
     "x (m)", "y (m)", "z (m)", "rotation 1 (rad)", "rotation 2 (rad)", "rotation 3 (rad)", "log focal length (px)",
     "k1",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,14 @@ from pipeline.io.text_table import Columns, read_text_table
 
 # File of a run folder that names the source clip.
 SOURCE_FILE = "source.json"
+# Files of a run folder by the stage that writes them.
+STAGE_FILES: Mapping[str, tuple[str, ...]] = {
+    "export": ("tracks.csv", "events.csv", "trajectory.csv", "scene.json"),
+    "poster": ("poster.png",),
+    "report": ("report.html", "summary.json"),
+    "record": ("recording.rrd",),
+    "render": ("slow.mp4",),
+}
 # m, standard deviation of positions without a sigma.
 DEFAULT_SIGMA = 1e-3
 
@@ -224,6 +232,12 @@ def parse_naming(scene: dict[str, Any]) -> Naming:
     return build_naming(parse_table(scene), parse_camera(scene), list(looks), list(looks.values()))
 
 
+def find_files_below(folder: Path, name: str) -> list[Path]:
+    """Find the files of a name below a folder, in order; hidden folders are left out, such as the trash of the page."""
+    paths = sorted(folder.rglob(name)) if folder.is_dir() else []
+    return [path for path in paths if not any(part.startswith(".") for part in path.relative_to(folder).parts)]
+
+
 def list_folders_with(name: str, sources: Iterable[Path]) -> list[Path]:
     """List the folders that hold a file, such as run folders with their scene.json.
 
@@ -242,7 +256,7 @@ def list_folders_with(name: str, sources: Iterable[Path]) -> list[Path]:
         if source.is_file() or (source / name).is_file():
             folders[source] = None
             continue
-        below = sorted(path.parent for path in source.rglob(name)) if source.is_dir() else []
+        below = [path.parent for path in find_files_below(source, name)]
         if not below:
             raise OptionError(f"Run folders or folders with such folders were expected; {source} holds no {name}")
         folders |= dict.fromkeys(below)

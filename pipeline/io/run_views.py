@@ -131,12 +131,14 @@ def read_shot_record(folder: Path, cloth: ClothPriors | None = None) -> ShotReco
     if not folder.is_dir():
         raise OptionError(f"A run folder was expected; {folder} is none. Run the clip first: trueroll run CLIP")
     shot = read_shot(folder)
-    if cloth is not None:
-        shot = replace(shot, passes=list_close_passes(shot, cloth))
-    fit = view_run(shot)
+    return record_shot(shot if cloth is None else replace(shot, passes=list_close_passes(shot, cloth)), folder)
+
+
+def record_shot(shot: Shot, folder: Path) -> ShotRecord:
+    """Record a saved shot; raises OptionError, which names its run folder, where nothing moves."""
+    fit, scene = view_run(shot), shot.scene
     if not len(fit.trajectory.start):
         raise OptionError(f"{folder} holds no motion of a ball; run a clip in which balls move")
-    scene = shot.scene
     return make_shot_record(shot.tracks, fit.events, fit.trajectory, scene.table, scene.camera, fit.explanation)
 
 

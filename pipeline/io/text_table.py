@@ -44,7 +44,7 @@ UNITS = {
 _WITH_UNIT = re.compile(r"(.+?)\s*(?:[\[(]\s*([^\[\]()]+?)\s*[\])]|[\s_/]\s*([^\s_/]+))")
 # Names that other programs give to columns of tracks, by ours.
 ALIASES = {
-    "shot": ("trial", "take", "throw", "toss"),
+    "shot": ("trial", "take", "throw", "toss", "run", "episode"),
     "frame": ("frame_idx", "frame_index", "frame_number", "frame_id", "frame_no", "frames"),
     "t": ("time", "timestamp", "timestamps", "seconds", "elapsed"),
     "id": ("track_id", "track", "body", "ball", "object", "object_id", "particle", "marker", "name", "label"),
@@ -67,6 +67,8 @@ class TextTable:
     """Units stated in the header, by column."""
     notes: tuple[str, ...] = ()
     """Sentences without a full stop."""
+    texts: tuple[str, ...] = ()
+    """Names of the columns of text that were left out."""
 
     def require(self, names: Sequence[str]) -> None:
         """Raise an OptionError where a column is missing."""
@@ -158,8 +160,9 @@ def name_columns(path: Path, columns: dict[str, Any], units: dict[str, str], not
     units |= {name: units[other] for name, other in aliased.items() if other in units}
     if "x_px" in aliased.values():
         units |= {axis: "px" for axis, other in aliased.items() if other == f"{axis}_px"}
-    return TextTable(path, {name: _to_values(name, column, place) for name, column in columns.items()
-                            if _is_usable(name, column)}, units, tuple(notes))  # fmt: skip
+    texts = tuple(name for name, column in columns.items() if not _is_usable(name, column))
+    values = {name: _to_values(name, column, place) for name, column in columns.items() if name not in texts}
+    return TextTable(path, values, units, tuple(notes), texts)
 
 
 def read_text(path: Path) -> str:

@@ -43,7 +43,7 @@ def build_gap_scene(folder: TrackFolder) -> GapScene:
         raise OptionError(f"walls belong to the scene slide, and scene.json has {entry.scene}; remove them")
     assumed = tuple(name for name in entry.model or () if name != "gravity")
     scene = _build_scene(folder, assumed)
-    available = [effect.name for effect in scene.effects if effect.kind not in ("probe", "place")]
+    available = [effect.name for effect in scene.effects if effect.kind != "probe"]
     foreign = [name for name in assumed if name not in available]
     if foreign:
         raise OptionError(f"{entry.scene} has the effects {', '.join(available)}; its model names {', '.join(foreign)}")

@@ -51,6 +51,11 @@ class KernelPreparation:
                     self._process = process
         return self._process is not None and self._process.is_alive()
 
+    def prepare(self) -> None:
+        """Load the kernels into this process before a run needs them; where they are missing, start to compile them."""
+        if not self.start(()) and _has_kernels():
+            prepare_fit_kernels()
+
 
 def _has_kernels() -> bool:
     """Return whether the last kernels to be compiled are on disk."""

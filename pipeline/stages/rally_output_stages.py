@@ -79,7 +79,7 @@ def _write_report(inputs: Inputs, options: RallyPageOptions, folder: Path, progr
     start = float(json.loads((inputs["poster"] / START_FILE).read_text(encoding="utf-8")))
     files = ReportFiles(SLOW_FILE, poster, options.slow, start)
     write_rally_report(clip, rally, files, options.title, options.settings, folder / "report.html")
-    write_rally_summary(clip, rally, poster, folder)
+    write_rally_summary(clip, rally, files, folder)
 
 
 def _record_layers(inputs: Inputs, options: RallyPageOptions, folder: Path, progress: Progress) -> None:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from benchmarks.court_cases import landing_bound
-from benchmarks.court_cases.court_answers import compare_lines, make_candidates
-from benchmarks.court_cases.court_clips import CourtTruth, read_truth
+from benchmarks.court_cases.court_answers import Impairment, answer_truth, compare_lines, make_candidates
+from benchmarks.court_cases.court_clips import CourtCase, CourtTruth, film_case, read_truth
 from benchmarks.court_cases.court_scores import find_visible, join_scores, score_answer, upper_bound
 from video.rendering.court_scene import read_rally
 from video.rendering.rally_clips import simulate_rallies, write_rally_clip
@@ -96,6 +97,19 @@ def test_a_longer_lens_and_less_noise_bound_the_landing_more_closely(
     assert sharper is not None
     # less than a quarter is impossible: what is known before does not change
     assert 0.24 < np.trace(sharper) / np.trace(wide) < 0.6
+
+
+@pytest.mark.slow  # it simulates, films and explains a rally
+def test_a_rally_is_scored_from_the_truth_without_a_clip(tmp_path: Path) -> None:
+    truth = read_truth(film_case(CourtCase("tennis", 0, 5, (2, 2)), tmp_path))
+    assert not (truth.folder / "clip.mp4").exists()
+    score = score_answer(truth, answer_truth(truth, Impairment()))
+    assert score.found == score.visible > 10
+    assert score.events_found == score.events > 0
+    assert score.landing[0] < 0.3
+    plain, impaired = make_candidates(truth), make_candidates(truth, Impairment(missing=0.5, clutter=2.0))
+    frames = len(truth.columns["t"])
+    assert abs(len(impaired) - 0.5 * len(plain) - 2.0 * frames) < 6 * np.sqrt(2.0 * frames)
 
 
 def test_the_upper_bound_of_none_in_400_is_below_a_percent() -> None:

@@ -21,7 +21,7 @@ SPORT = Sport(
     "dummy", 10.0, 4.0,
     (CourtLine("far line", (9.95, 0.0), (9.95, 4.0), 0.1), CourtLine("left line", (0.0, 0.05), (10.0, 0.05), 0.1)),
     Net(0.5, 1.0, 1.1),
-    FlyingObject("ball", 0.05, 0.2, Range(0.03, 0.01), 0.0, Range(0.0, 0.0), 0.03, None, None, 50.0),
+    FlyingObject("ball", 0.05, 0.2, Range(0.03, 0.01), Range(0.0, 0.05), 0.0, Range(0.0, 0.0), 0.03, None, None, 50.0),
     areas={"ring": ((5.0, 0.0, 10.0, 4.0), (0.0, 0.0, 5.0, 4.0))}, default_area="ring",
 )
 """

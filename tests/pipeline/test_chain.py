@@ -19,8 +19,9 @@ import pytest
 from PIL import Image
 from support.carom_start import SAMPLE, SECONDS, SLOW, Home
 
-from pipeline.chain import STAGE_FILES, find_report_tables, hash_tables, publish_files, write_source
+from pipeline.chain import find_report_tables, hash_tables, publish_files, write_source
 from pipeline.engine.result_cache import CacheEntry, ResultCache
+from pipeline.io.run_folder import STAGE_FILES
 from pipeline.run_options import RunOptions
 from pipeline.terminal.progress_display import COMPILING_NOTE
 from video.io.video_writer import VideoWriter

@@ -15,9 +15,10 @@ import pytest
 from support.carom_start import SLOW, Home
 
 from models.core.progress import Progress, ignore_progress
-from pipeline.chain import STAGE_FILES, FinishedRun, build_run_graph, run_clip
+from pipeline.chain import FinishedRun, build_run_graph, run_clip
 from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
+from pipeline.io.run_folder import STAGE_FILES
 from pipeline.recording_shots import find_recording_shots
 from pipeline.run_options import build_options, list_settings
 from pipeline.stages.read_stage import open_frame_memory

@@ -48,6 +48,12 @@ def test_no_answer_about_a_run_folder_explains_the_shot_again(
     assert "Traceback" not in capsys.readouterr().err
 
 
+def test_a_rail_is_hit_when_the_table_of_events_says_so(home: Home, tmp_path: Path) -> None:
+    hit = next(row for row in home.rows("events.csv") if row["kind"] == "cushion")
+    answer = trueroll.call(home.out, "rail", hit["a"], hit["b"], out=tmp_path)
+    assert (answer.verdict, answer["time"].value) == ("yes", pytest.approx(float(hit["t"]), abs=1e-4))
+
+
 def test_a_run_is_loaded_from_its_folder(home: Home) -> None:
     run = trueroll.load(home.out)
     assert np.round(run.events.t, 6) == pytest.approx(home.column("events.csv", "t"), abs=1e-6)

@@ -71,6 +71,8 @@ def test_friction_that_a_function_lacks_is_named(
     assert gap["gap"]["metric"] == "rms_rad"
     assert gap["where"][0]["joint"] in (None, "q")
     assert (tmp_path / "gap" / "gap.html").stat().st_size > 1000
+    assert "trueroll view gap" in done.out
+    assert (tmp_path / "gap" / "recording.rrd").stat().st_size > 1000
 
 
 def test_a_wrong_coefficient_of_a_file_is_reported_and_is_no_missing_effect(tmp_path: Path):
@@ -88,7 +90,7 @@ def test_a_wrong_coefficient_of_a_file_is_reported_and_is_no_missing_effect(tmp_
                 mujoco.mj_step(truth, data)
     (tmp_path / "real.csv").write_text("\n".join(lines) + "\n")
     (tmp_path / "arm.xml").write_text(ARM.format(0.05))
-    report, _ = diagnose_mechanism([tmp_path / "real.csv"], str(tmp_path / "arm.xml"))
+    report = diagnose_mechanism([tmp_path / "real.csv"], str(tmp_path / "arm.xml"))[0]
     assert report.verdict == "none"
     note = next(note for note in report.notes if note.startswith("your "))
     assert "viscous is 0.05" in note

@@ -84,7 +84,8 @@ class CleanRun:
 
 def run_clip_tables(clip: Path, folder: Path, cache: Path) -> ClipRun:
     """Run a clip up to its tables."""
-    return ClipRun(*run_tables(clip, folder, OPTIONS, ResultCache(cache), SilentWatcher()))
+    read, *values = run_tables(clip, folder, OPTIONS, ResultCache(cache), SilentWatcher())
+    return ClipRun(float(read.fps), *values)
 
 
 def make_clean_run(folder: Path) -> CleanRun:
@@ -235,7 +236,7 @@ def _lose_contact(solution: Any, run: ClipRun) -> Any:
 
 def _invent_strike(solution: Any, run: ClipRun) -> Any:
     """Let the search find a second strike of the cue ball."""
-    ball, t = run.tracks.ids.index("cue"), float(run.clip.t[FALSE_STRIKE_FRAME])
+    ball, t = run.tracks.ids.index("cue"), float(np.interp(FALSE_STRIKE_FRAME, run.tracks.frame, run.tracks.t))
     graph = solution.graph
     k = find_segment_at(graph, ball, t)
     if abs(graph.start_time(k) - t) < 0.1:

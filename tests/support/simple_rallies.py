@@ -90,6 +90,7 @@ def play_rally(sport: Sport, hits: int, rng: np.random.Generator, fps: float = 2
             if item.restitution is None:
                 if is_last:
                     events.append(("landing", t, place, float(np.linalg.norm(state[3:]))))
+                    t += _hop(pieces, t, state, drag)
                 break
             if end < fall and events[-1][0] == "bounce":
                 break
@@ -151,6 +152,13 @@ def _bounce(sport: Sport, state: FloatArray, drag: float, rng: np.random.Generat
     up = item.restitution.mean + 0.5 * item.restitution.sigma * rng.standard_normal()
     velocity = state[3:] * [keep, keep, -up]
     return np.concatenate([state[:3], velocity, [drag], rng.standard_normal(3) * item.lift * 0.5, [0.0]])
+
+
+def _hop(pieces: list[tuple[float, float, FloatArray, float]], t: float, state: FloatArray, drag: float) -> float:
+    """Let a shuttle hop once where it lands at t, s; returns how long."""
+    velocity = state[3:] * [0.4, 0.4, -0.2]
+    pieces.append((t, 2 * velocity[2] / 9.81, np.concatenate([state[:3], velocity, [drag, 0, 0, 0, 0]]), 0.0))
+    return float(2 * velocity[2] / 9.81)
 
 
 def _find_hit_time(

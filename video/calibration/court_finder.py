@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -119,9 +119,13 @@ def find_court(image: ImageArray, sports: Sequence[Sport] | None = None) -> Loca
 def _follow_camera(clip: Clip, located: LocatedCourt, reference: int) -> tuple[CourtCamera, float, tuple[str, ...]]:
     """Add its motion to a camera that moves; also the error of the lines over the clip, px, and notes."""
     camera = located.fit.camera
-    images = ((n - clip.first_frame, image) for n, image in read_frames(clip, indices=clip.frames, grey=True))
+
+    def read_images(first: int, stop: int) -> Iterator[tuple[int, ByteArray]]:
+        indices = clip.frames[(clip.frames >= first + clip.first_frame) & (clip.frames < stop + clip.first_frame)]
+        return ((n - clip.first_frame, image) for n, image in read_frames(clip, indices=indices, grey=True))
+
     turns, is_measured, errors = estimate_court_motion(
-        located.sport, camera, reference - clip.first_frame, images, clip.frame_count
+        located.sport, camera, reference - clip.first_frame, read_images, clip.frame_count
     )
     lost = int((~is_measured).sum())
     error = float(np.sqrt(np.nanmean(errors**2))) if np.isfinite(errors).any() else located.fit.line_error
@@ -153,7 +157,9 @@ def _choose_sports(name: str | None) -> list[Sport]:
 def _sample_frames(clip: Clip) -> NDArray[np.int64]:
     if not len(clip.distinct_frames):
         raise ClipError(f"{clip.path.name} has no frame that can be used")
-    places = np.unique(np.linspace(0, len(clip.distinct_frames) - 1, SAMPLED_FRAMES).round().astype(int))
+    last = len(clip.distinct_frames) - 1
+    # Two frames at the end: one frame that differs may be misread, two show a camera that moves only there.
+    places = np.unique([*np.linspace(0, last, SAMPLED_FRAMES).round().astype(int), max(last - 1, 0)])
     return np.asarray(clip.distinct_frames[places], np.int64)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import cv2
@@ -35,6 +35,10 @@ LINE_SIGMA_PX = 0.3
 # px from its predicted place beyond which paint is another line's, and least number of places that measure an error.
 OUTLIER_PX, MIN_PLACES = 2.0, 10
 FITTING_STEPS = 3
+# Frames before the reference that are in memory at a time.
+BACKWARD_FRAMES = 128
+# See `estimate_court_motion`.
+ReadImages = Callable[[int, int], Iterable[tuple[int, ByteArray]]]
 # Weights of five neighbouring frames: those of a parabola's value at their middle.
 SMOOTHING = np.array([-3.0, 12.0, 17.0, 12.0, -3.0]) / 35
 
@@ -63,7 +67,7 @@ def stands_still(greys: list[ByteArray]) -> bool:
 
 
 def estimate_court_motion(
-    sport: Sport, camera: CourtCamera, reference: int, images: Iterable[tuple[int, ByteArray]], count: int
+    sport: Sport, camera: CourtCamera, reference: int, read_images: ReadImages, count: int
 ) -> tuple[FloatArray, NDArray[np.bool_], FloatArray]:
     """Follow a camera that turns and zooms about its place.
 
@@ -71,7 +75,7 @@ def estimate_court_motion(
         sport: the court.
         camera: the camera of the reference image.
         reference: number of the reference image.
-        images: (number, grey image) of frames in the order of time.
+        read_images: reads (number, grey image) of frames from a number to before another, in the order of time.
         count: number of frames T.
 
     Returns:
@@ -79,17 +83,13 @@ def estimate_court_motion(
         root mean square distance of its lines, NaN where none are seen.
     """
     turns, errors = np.full((count, 4), np.nan), np.full(count, np.nan)
-    earlier: list[tuple[int, ByteArray]] = []
-    tracker: _Tracker | None = None
-    for number, grey in images:
-        if number < reference:
-            earlier.append((number, grey))
-            continue
-        if number == reference:
-            _Tracker(sport, camera, grey).follow([(number, grey), *reversed(earlier)], turns, errors)
-            earlier.clear()
-        tracker = _Tracker(sport, camera, grey) if tracker is None else tracker
-        tracker.follow([(number, grey)], turns, errors)
+    trackers = [_Tracker(sport, camera, grey) for _, grey in read_images(reference, reference + 1) for _ in range(2)]
+    for tracker in trackers[:1]:
+        tracker.follow(read_images(reference, count), turns, errors)
+    for tracker in trackers[1:]:
+        for stop in range(reference, 0, -BACKWARD_FRAMES):
+            block = list(read_images(max(stop - BACKWARD_FRAMES, 0), stop))
+            tracker.follow(reversed(block), turns, errors)
     is_measured = np.isfinite(turns[:, 0])
     is_measured[reference] = True  # the reference does not turn, though nothing be seen to follow
     turns[reference] = np.where(np.isfinite(turns[reference]), turns[reference], 0.0)

@@ -158,7 +158,7 @@ class Clip:
         return np.maximum(rows, 0).astype(np.int64) + self.first_frame
 
     def extract_subclip(self, first: int, stop: int) -> Clip:
-        """Cut a clip out of a whole file; its frames keep their numbers and times.
+        """Cut a part out of a clip; its frames keep their numbers and times.
 
         Args:
             first: index of its first frame in the file.
@@ -168,16 +168,18 @@ class Clip:
             The part as a clip that refers to the same file.
 
         Raises:
-            ValueError: the clip is itself a part of a file, or the range is empty or outside the file.
+            ValueError: the range is empty or outside the clip.
         """
-        if not self.is_whole_file or not 0 <= first < stop <= self.frame_count:
-            raise ValueError(f"frames {first} to {stop} are no part of the {self.frame_count} frames of a whole file")
-        is_duplicate = self.is_duplicate[first:stop].copy()
+        begin = self.first_frame
+        if not begin <= first < stop <= begin + self.frame_count:
+            raise ValueError(f"frames {first} to {stop} are no part of frames {begin} to {begin + self.frame_count}")
+        own = slice(first - begin, stop - begin)
+        is_duplicate = self.is_duplicate[own].copy()
         is_duplicate[0] = False
         unobserved = tuple(frame for frame in self.unobserved_frames if first <= frame < stop)
         return replace(
-            self, t=self.t[first:stop], is_duplicate=is_duplicate, first_frame=first, is_whole_file=False, memory=None,
-            views=np.array([[first, stop]], np.int64), sway=self.sway[first:stop], jumps=np.empty((0, 4)),
+            self, t=self.t[own], is_duplicate=is_duplicate, first_frame=first, is_whole_file=False, memory=None,
+            views=np.array([[first, stop]], np.int64), sway=self.sway[own], jumps=np.empty((0, 4)),
             unobserved_frames=unobserved,
         )  # fmt: skip
 

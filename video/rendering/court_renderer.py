@@ -1,6 +1,6 @@
 """Renderer of rallies: frames as a camera beside a court records them, with the truth of every frame.
 
-    renderer = CourtRenderer(rng, rally, camera, look, view, t)
+    renderer = CourtRenderer(rng, rally, camera, look, view, t)  # others: further objects, for training
     for k in range(len(t)):
         image, truth = renderer.render_frame(k)
 
@@ -11,7 +11,7 @@ follow. `models.core.court_camera` projects; the camera may turn and zoom from f
 
 from __future__ import annotations
 
-import bisect
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -37,17 +37,18 @@ SHIFT = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameTruth:
-    """What a frame shows."""
+    """What a frame shows: N objects, that of the rally first."""
 
     px: FloatArray
-    """(2,) px, the object at mid-exposure."""
+    """(N, 2) px, the objects at mid-exposure."""
     streak: FloatArray
-    """(2,) px, its displacement during the exposure."""
-    radius_px: float
-    shown: float
-    """Share of the object's light that nothing hides and that lies inside the frame."""
-    contrast: float
-    """Largest difference that the object makes to a pixel, of 255 levels, before noise and coding."""
+    """(N, 2) px, their displacements during the exposure."""
+    radius_px: FloatArray
+    """(N,)"""
+    shown: FloatArray
+    """(N,) share of an object's light that nothing hides and that lies inside the frame."""
+    contrast: FloatArray
+    """(N,) largest difference that an object makes to a pixel, of 255 levels, before noise and coding."""
     players: FloatArray
     """(N, 4) px, left, top, right and bottom."""
 
@@ -92,13 +93,15 @@ class CourtRenderer:
     Args:
         camera: with the motion of all frames, where it moves.
         t: (T,) s, times of the rally at the middles of the exposures.
+        others: rallies of which only the objects are drawn, without their shadows.
     """
 
     def __init__(
         self, rng: np.random.Generator, rally: RallyPath, camera: CourtCamera, look: CourtLook, view: View,
-        t: FloatArray,
+        t: FloatArray, others: Sequence[RallyPath] = (),
     ) -> None:  # fmt: skip
         self._rng, self._rally, self._camera, self._look, self.t = rng, rally, camera, look, t
+        self._paths = (rally, *others)
         grid = np.meshgrid(np.arange(camera.width_px, dtype=np.float64), np.arange(camera.height_px))
         self._flat = camera.undistort(np.stack(grid, axis=-1))
         self._canvas = paint_court(rng, rally.sport, camera, look, view, self._find_box())
@@ -126,26 +129,24 @@ class CourtRenderer:
         for _, shadow in players:
             _blend(image, shadow)
         self._cast_object_shadow(image, k)
-        order = sorted([*(layer for layer, _ in players), *fixed], key=_depth_key) + self._boards
-        truth, sprite = self._draw_object(k)
-        shown, contrast = 0.0, 0.0
-        if sprite is not None:
-            at = bisect.bisect(
-                [_depth_key(layer) for layer in order[: len(order) - len(self._boards)]], _depth_key(sprite)
-            )
-            order.insert(at, sprite)
-            light = sprite.rgba[..., 3] * _inside(sprite, image.shape)
-        for layer in order:
-            if layer is sprite:
-                contrast = _blend_light(image, layer)
-            else:
+        objects = [self._draw_object(path, k) for path in self._paths]
+        sprites = {id(sprite): row for row, (_, sprite) in enumerate(objects) if sprite is not None}
+        drawn = [sprite for _, sprite in objects if sprite is not None]
+        order = sorted([*(layer for layer, _ in players), *fixed, *drawn], key=_depth_key) + self._boards
+        shown, contrast = np.zeros((2, len(objects)))
+        for place, layer in enumerate(order):
+            row = sprites.get(id(layer))
+            if row is None:
                 _blend(image, layer)
-        if sprite is not None:
-            for layer in order[at + 1 :]:
-                _hide(light, sprite, layer)
-            shown = float(light.sum() / max(sprite.rgba[..., 3].sum(), 1e-6))
+                continue
+            contrast[row] = _blend_light(image, layer)
+            light = layer.rgba[..., 3] * _inside(layer, image.shape)
+            for nearer in order[place + 1 :]:
+                _hide(light, layer, nearer)
+            shown[row] = light.sum() / max(layer.rgba[..., 3].sum(), 1e-6)
         boxes = np.array([[p.x, p.y, p.x + p.rgba.shape[1], p.y + p.rgba.shape[0]] for p, _ in players], np.float64)
-        return self._finish(image), FrameTruth(*truth, shown, contrast, boxes)
+        px, streak, radius = (np.array(column) for column in zip(*(truth for truth, _ in objects), strict=True))
+        return self._finish(image), FrameTruth(px, streak, radius, shown, contrast, boxes)
 
     def _find_box(self) -> FloatArray:
         """Return left, top, right and bottom of what all frames show, in undistorted pixels of the reference image."""
@@ -271,15 +272,11 @@ class CourtRenderer:
             image, _Layer(cv2.GaussianBlur(mask.astype(np.float32) * share, (0, 0), 1.0), int(low[0]), int(low[1]), 0.0)
         )
 
-    def _draw_object(self, k: int) -> tuple[tuple[FloatArray, FloatArray, float], _Layer | None]:
-        """Draw the object over the exposure; also return its place (2,), streak (2,) and radius, px."""
-        rally, look, sport = self._rally, self._look, self._rally.sport
+    def _draw_object(self, rally: RallyPath, k: int) -> tuple[tuple[FloatArray, FloatArray, float], _Layer | None]:
+        """Draw the object of a rally over the exposure; also return its place (2,), streak (2,) and radius, px."""
+        look, sport = self._look, rally.sport
         frame = self._frame(k)
-        times = self.t[k] + look.exposure * np.array([-0.5, 0.0, 0.5])
-        places, _ = rally.place_at(times)
-        px = self._camera.to_pixels(places, frame)
-        beside = self._camera.to_pixels(places[1] + self._right(frame) * sport.object.radius, frame)
-        radius = float(np.linalg.norm(beside - px[1]))
+        places, px, radius = locate_object(rally, self._camera, look, self.t[k], frame)
         truth = (px[1], px[2] - px[0], radius)
         middle = np.array([self._camera.width_px, self._camera.height_px]) / 2
         if not np.isfinite(px).all() or np.abs(px - middle).max() > 1.2 * self._camera.width_px:
@@ -307,13 +304,6 @@ class CourtRenderer:
         rgba = np.concatenate([share[..., None] * colour, 255 * share[..., None]], axis=-1)
         distance = float(np.linalg.norm(places[1] - self._camera.centre))
         return truth, _Layer(rgba.astype(np.float32), int(low[0]), int(low[1]), distance, *self._sides(places[1:2]))
-
-    def _right(self, frame: int | None) -> FloatArray:
-        """Return the direction (3,) that is to the right in the picture."""
-        matrix = self._camera.matrix_of(frame)
-        ahead = matrix[2, :3] / np.linalg.norm(matrix[2, :3])
-        right = matrix[0, :3] - ahead * (ahead @ matrix[0, :3])
-        return np.asarray(right / np.linalg.norm(right))
 
     def _draw_silhouette(
         self, mask: ByteArray, place: FloatArray, nose: FloatArray, px: FloatArray, low: FloatArray, radius: float,
@@ -391,6 +381,22 @@ class CourtRenderer:
 
 
 _ANGLES = np.arange(12) * np.pi / 6
+
+
+def locate_object(
+    rally: RallyPath, camera: CourtCamera, look: CourtLook, t: float, frame: int | None
+) -> tuple[FloatArray, FloatArray, float]:
+    """Return places (3, 3), m, and pixels (3, 2) of the object during an exposure, and its radius, px.
+
+    They are those at its begin, its middle and its end; `t` is its middle, s of the rally.
+    """
+    places, _ = rally.place_at(t + look.exposure * np.array([-0.5, 0.0, 0.5]))
+    matrix = camera.matrix_of(frame)
+    ahead = matrix[2, :3] / np.linalg.norm(matrix[2, :3])
+    right = matrix[0, :3] - ahead * (ahead @ matrix[0, :3])
+    px = camera.to_pixels(places, frame)
+    beside = camera.to_pixels(places[1] + right / np.linalg.norm(right) * rally.sport.object.radius, frame)
+    return places, px, float(np.linalg.norm(beside - px[1]))
 
 
 def _project(projection: FloatArray, places: FloatArray) -> FloatArray:

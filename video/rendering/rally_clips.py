@@ -2,7 +2,7 @@
 
     folders of rallies:  simulate_rallies("tennis", seed=1, count=20, folder=Path("rallies"))
     one clip as files:   write_rally_clip(Path("out"), read_rally(Path("rallies/0000.npz")), "broadcast", 25, seed=7)
-    decoded clips:       for clip in generate_rally_clips(rng, rallies, frames=40): clip.frames, clip.truth
+    decoded clips:       for clip in generate_rally_clips(rng, rallies, seconds=1.0): clip.frames, clip.truth
 
 The simulator runs as a process of its own, and shares no code with the program.
 """
@@ -14,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -71,11 +71,18 @@ class RallyTruth:
     """`kind`, `t` (s of the clip), `frame` (a float), `place`, and `player` of hits; `after` for what follows the
     landing."""
     rally: RallyPath
+    others: FloatArray = field(default_factory=lambda: np.empty((0, 0, 6)))
+    """(T, M, 6) place and streak, px, share shown and contrast of the objects of other rallies."""
 
     @property
     def is_visible(self) -> ByteArray:
         """(T,) bool, whether the object can be seen."""
-        return np.asarray((self.shown >= LEAST_SHOWN) & (self.contrast >= LEAST_CONTRAST))
+        return is_object_visible(self.shown, self.contrast)
+
+
+def is_object_visible(shown: FloatArray, contrast: FloatArray) -> ByteArray:
+    """Tell whether objects can be seen by the shares of them that are shown and by their contrasts."""
+    return np.asarray((shown >= LEAST_SHOWN) & (contrast >= LEAST_CONTRAST))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,10 +107,10 @@ def simulate_rallies(sport: str, seed: int, count: int, folder: Path, **experime
     return [folder / f"{i:04d}.npz" for i in range(count)]
 
 
-def stage_rally(
+def film_rally(
     rng: np.random.Generator, rally: RallyPath, view: View, fps: Fraction, size: tuple[int, int],
     span: tuple[float, float],
-) -> tuple[CourtRenderer, CourtCamera, CourtLook, FloatArray]:  # fmt: skip
+) -> tuple[CourtCamera, CourtLook, FloatArray]:  # fmt: skip
     """Draw a look and a camera for a rally; also return the times (T,), s of the rally, of frames within a span, s."""
     sport = rally.sport
     look = sample_look(rng, sport.name, str(rally.truth["surface"]), view, float(fps))
@@ -116,7 +123,16 @@ def stage_rally(
         pan, zoom = (0.02, 0.03) if sport.is_filmed_from_side else (0.004, 0.01)
         pan, zoom = pan * rng.uniform(0.2, 1.5), zoom * rng.uniform(0.0, 1.5)
         camera = replace(camera, motion=sample_motion(rng, camera, len(t), float(fps), pan, 0.0, zoom))
-    return CourtRenderer(rng, rally, camera, look, view, t), camera, look, t
+    return camera, look, t
+
+
+def stage_rally(
+    rng: np.random.Generator, rally: RallyPath, view: View, fps: Fraction, size: tuple[int, int],
+    span: tuple[float, float], others: Sequence[RallyPath] = (),
+) -> tuple[CourtRenderer, CourtCamera, CourtLook, FloatArray]:  # fmt: skip
+    """Draw what `film_rally` draws, and prepare the renderer for it."""
+    camera, look, t = film_rally(rng, rally, view, fps, size, span)
+    return CourtRenderer(rng, rally, camera, look, view, t, others), camera, look, t
 
 
 def write_rally_clip(
@@ -142,26 +158,37 @@ def write_rally_clip(
 
 
 def generate_rally_clips(
-    rng: np.random.Generator, rallies: Sequence[RallyPath | Path], frames: int = 40, size: tuple[int, int] = (1280, 720)
+    rng: np.random.Generator, rallies: Sequence[RallyPath | Path], seconds: float = 1.0,
+    size: tuple[int, int] = (1280, 720), others: int = 0,
 ) -> Iterator[RallyClip]:  # fmt: skip
     """Generate short clips for training without end: a random rally, view, look, rate and moment for each.
 
     Frames are decoded from H.264, as those of files are.
+
+    Args:
+        others: number of further objects in a clip, from random moments of the rallies.
     """
+    paths = [read_rally(path) if isinstance(path, Path) else path for path in rallies]
     while True:
-        chosen = rallies[int(rng.integers(len(rallies)))]
-        rally = read_rally(chosen) if isinstance(chosen, Path) else chosen
+        rally = paths[int(rng.integers(len(paths)))]
         view: View = "broadcast" if rng.random() < 0.6 else "phone"
         fps = Fraction(int(rng.choice([25, 25, 30, 30, 50, 60])))
-        start = float(rng.uniform(0, max(rally.t[-1] - frames / fps, 0.01)))
-        span = (start, start + frames / float(fps) + 1e-6)
-        renderer, camera, look, t = stage_rally(rng, rally, view, fps, size, span)
+        start = float(rng.uniform(0, max(rally.t[-1] - seconds, 0.01)))
+        span = (start, start + seconds + 1e-6)
+        further = [_delay_rally(rng, paths[int(k)], span) for k in rng.integers(len(paths), size=others)]
+        renderer, camera, look, t = stage_rally(rng, rally, view, fps, size, span, further)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "clip.mp4"
             shown = _write_frames(path, renderer, look, fps, size, "ultrafast")
             with av.open(str(path)) as container:
                 decoded = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
         yield RallyClip(np.stack(decoded), collect_truth(rally, camera, look, fps, t, shown))
+
+
+def _delay_rally(rng: np.random.Generator, rally: RallyPath, span: tuple[float, float]) -> RallyPath:
+    """Let a rally begin at another time, so that a span, s, falls within it."""
+    start = rng.uniform(rally.t[0], max(rally.t[-1] - (span[1] - span[0]), rally.t[0] + 0.01))
+    return replace(rally, t=rally.t + (span[0] - start))
 
 
 def _write_frames(
@@ -188,9 +215,11 @@ def collect_truth(
         if start <= e["t"] < stop
     )
     columns = {
-        name: np.array([getattr(truth, name) for truth in shown])
-        for name in ("px", "streak", "radius_px", "shown", "contrast", "players")
+        name: np.array([getattr(truth, name)[0] for truth in shown])
+        for name in ("px", "streak", "radius_px", "shown", "contrast")
     }
+    columns["players"] = np.array([truth.players for truth in shown])
+    columns["others"] = np.array([np.column_stack([one.px, one.streak, one.shown, one.contrast])[1:] for one in shown])
     return RallyTruth(
         rally.sport.name, fps, camera, look.exposure, t - start, start, rally.place_at(t)[0], **columns, events=events,
         rally=rally,

@@ -44,7 +44,7 @@ VANISH_RADII = 6.0
 CallDoubt = Doubt | Literal["moving_at_start", "unexplained"]
 # Questions of an umpire; those from `score` on are of the rules, see `rule_answers`.
 QuestionKind = Literal[
-    "contact", "first", "cushion-first", "pocket", "line",
+    "contact", "rail", "first", "cushion-first", "pocket", "line",
     "score", "cushions", "foul", "no-contact", "wrong-ball", "no-rail", "scratch", "frozen",
 ]  # fmt: skip
 
@@ -126,6 +126,42 @@ def answer_contact(record: ShotRecord, a: str, b: str) -> CallAnswer:
     path = tuple(touch for touch in touches if touch.probability > 0.5)
     answer = CallAnswer("contact", (a, b), probability, balls=(a, b), path=path)
     return build_answer(record, answer, select_touch(touches))
+
+
+def answer_rail(record: ShotRecord, a: str, rail: str) -> CallAnswer:
+    """Answer whether a hit a cushion.
+
+    Args:
+        record: The shot.
+        a: Name of the ball.
+        rail: One of `CUSHIONS`.
+
+    Returns:
+        The answer.
+
+    Raises:
+        ValueError: If the ball or the cushion is unknown, or the ball has too few detections.
+    """
+    one = record.ball_index(a)
+    if rail not in CUSHIONS:
+        raise ValueError(f"cushions are {', '.join(CUSHIONS)}; got {rail!r}")
+    axis, end = ("xy".index("x" if rail in ("left", "right") else "y"), rail in ("right", "bottom"))
+    along, size = record.path[:, one, axis], (record.table.length, record.table.width)[axis]
+    gaps = (size - along if end else along) - record.table.ball_radius
+    if not np.isfinite(gaps).any():
+        raise ValueError(f"{a} has too few detections for an answer")
+    unclear = [float(np.interp(t, record.moments, gaps)) for t in list_unclear_times(record, one)]
+    is_near = any(not gap > NEAR_RADII * record.table.ball_radius for gap in unclear)
+    kind: PairClass = "unclear_near" if is_near else "unclear_far" if unclear else "clear"
+    unlisted = probability_of_unlisted_event(record, a, kind=kind)
+    hits = [hit for hit in find_cushion_candidates(record, one) if hit.other == rail]
+    probability = 1 - math.prod(1 - hit.probability for hit in hits)
+    if probability < unlisted:
+        k = int(np.nanargmin(gaps))
+        nearest = float(record.moments[k]), math.nan, unlisted, float(gaps[k]), record.place_sigma(one, k)
+        probability, hits = unlisted, [CandidateContact(one, rail, *nearest)]
+    path = tuple(hit for hit in hits if hit.probability > 0.5)
+    return build_answer(record, CallAnswer("rail", (a, rail), probability, balls=(a,), path=path), select_touch(hits))
 
 
 def list_touches(record: ShotRecord, one: int, two: int) -> list[CandidateContact]:

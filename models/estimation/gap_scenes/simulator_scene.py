@@ -179,11 +179,8 @@ class SimulatorScene:
         states = self.simulate_states(segment, start, shared)
         joints = self.observed[bodies]
         velocity = states[:, len(self.scales) :]
-        turns = (np.sign(velocity[1:]) * np.sign(velocity[:-1]) < 0).astype(np.float64)
-        near = max(round(_REVERSAL_S / float(np.median(np.diff(segment.t)))), 1)
-        near = min(near, (len(turns) - 1) // 2)
-        is_reversal = np.apply_along_axis(np.convolve, 0, np.vstack([turns, turns[-1:]]), np.ones(2 * near + 1), "same")
-        phases = tuple("reversal" if one > 0 else "motion" for one in is_reversal[rows, joints])
+        is_reversal = find_reversals(velocity, segment.t)[rows, joints]
+        phases = tuple("reversal" if one else "motion" for one in is_reversal)
         since = np.full(len(rows), np.nan)
         return Covariates(phases, states[rows, joints][:, None], velocity[rows, joints][:, None], since, None)
 
@@ -259,6 +256,15 @@ class SimulatorScene:
         }
         places = places * sensor.get("sensor_scale", 1.0) + sensor.get("sensor_offset", 0.0)
         return np.asarray(places[:, :, None])
+
+
+def find_reversals(velocity: FloatArray, t: FloatArray) -> BoolArray:
+    """Return whether joints with velocities (T, N) at times t (T,) s turn back, or do so soon or just did, (T, N)."""
+    turns = (np.sign(velocity[1:]) * np.sign(velocity[:-1]) < 0).astype(np.float64)
+    near = max(round(_REVERSAL_S / float(np.median(np.diff(t)))), 1)
+    near = min(near, (len(turns) - 1) // 2)
+    counts = np.apply_along_axis(np.convolve, 0, np.vstack([turns, turns[-1:]]), np.ones(2 * near + 1), "same")
+    return np.asarray(counts > 0)
 
 
 def _share_runs(trees: IntArray) -> list[list[int]]:

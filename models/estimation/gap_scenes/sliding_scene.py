@@ -63,22 +63,6 @@ WALL_EFFECTS = (
         ("wall_restitution", "sliding_friction"),
     ),
 )  # fmt: skip
-# A disc with other friction; its parameters are the five before those of the brake probe.
-#
-# At the usual border, friction rises from 10 to 90 % within 22 mm: the steps of the integration resolve that up to 2
-# m/s.
-LOCAL_PATCH = Effect(
-    "local_patch", (Prior("mu", "1", 0.0, 0.3, False, (-2.0, 2.0)), Prior("x", "m", 0.0, 1.0, False, (-1e3, 1e3)),
-                    Prior("y", "m", 0.0, 1.0, False, (-1e3, 1e3)), Prior("radius", "m", 0.2, 0.5, False, (1e-3, 1e3)),
-                    Prior("border", "m", 0.005, 0.01, False, (1e-3, 1e3))),
-    (0.0, 0.0, 0.0, 0.2, 0.005), ("slide",),
-    "a disc with friction mu beside that of the plane, together never below 0: mu / (1 + exp((r - radius) / border))",
-    (), "place",
-)  # fmt: skip
-# m by which the distance from a centre is rounded, where its derivative would jump.
-_CENTRE_SIZE = 1e-3
-# Borders outside a patch from which its friction is below rounding.
-_FAR_BORDERS = 40.0
 # Indices of the restitution and the friction of walls among all parameters.
 _WALL_PARAMETERS = (5, 6)
 # Standard deviations by which a body has to move back for a turn, or move further midway.
@@ -95,8 +79,8 @@ INPUT_COUNT = 2
 def _build_acceleration(has_spring: bool) -> AccelerationFunction:
     """Build the acceleration by effects and inputs, with parameters in the order of `SLIDING_EFFECTS`.
 
-    Those of a spring follow, if there is one. A patch changes the friction near its centre. Friction fades out at the
-    velocity where it balances slope, spring and inputs, not at zero velocity, so that a stopped body does not creep.
+    Those of a spring follow, if there is one. Friction fades out at the velocity where it balances slope, spring and
+    inputs, not at zero velocity, so that a stopped body does not creep.
     """
 
     @compile_kernel
@@ -108,14 +92,6 @@ def _build_acceleration(has_spring: bool) -> AccelerationFunction:
         if has_spring:
             fall_x, fall_y = fall_x + p[6] - p[5] * place[0], fall_y + p[7] - p[5] * place[1]
         friction = p[0] * GRAVITY
-        mu, patch_x, patch_y, radius, border = p[-9], p[-8], p[-7], p[-6], p[-5]
-        if mu != 0:
-            away_x, away_y = place[0] - patch_x, place[1] - patch_y
-            outside = (np.sqrt(away_x * away_x + away_y * away_y + _CENTRE_SIZE**2) - radius) / border
-            if outside.real < _FAR_BORDERS:
-                friction += mu * GRAVITY / (1 + np.exp(outside))
-                if friction.real < 0:
-                    friction = 0 * friction
         rubbed_x, rubbed_y = velocity[0], velocity[1]
         holds = friction * friction - fall_x * fall_x - fall_y * fall_y
         if holds.real > (1 - _STICK_SHARE**2) * (friction * friction).real:
@@ -160,7 +136,7 @@ def build_sliding_scene(
     return ContactFreeScene(
         "slide",
         "slide",
-        (*SLIDING_EFFECTS, *offered, LOCAL_PATCH, build_brake_probe("m", "slide")),
+        (*SLIDING_EFFECTS, *offered, build_brake_probe("m", "slide")),
         simulator_effects,
         build_integrator(_build_acceleration(has_spring), bool(walls), _WALL_PARAMETERS if walls and offered else None),
         untested,

@@ -58,8 +58,6 @@ class FlightEnds:
 class _Joint:
     """The states of all pairs of flights at a moment, (A * B, ...)."""
 
-    s_a: FloatArray
-    s_b: FloatArray
     p_a: FloatArray
     p_b: FloatArray
     v_a: FloatArray
@@ -95,6 +93,16 @@ def weigh_events(
             best, when = np.where(better, value, best), np.where(better, t, when)
         outcome[kind] = best.reshape(shape), when.reshape(shape)
     return outcome
+
+
+def limit_hits(sport: Sport) -> tuple[tuple[float, float, float], ...]:
+    """Return the least and largest x, y and z, m, at which players hit, and the softness of these limits."""
+    behind, beside = sport.surroundings
+    return (
+        (-behind, sport.length + behind, SURROUNDINGS_SOFTNESS),
+        (-beside, sport.width + beside, SURROUNDINGS_SOFTNESS),
+        (sport.floor + sport.object.radius, sport.floor + sport.reach, REACH_SOFTNESS),
+    )
 
 
 def name_contact(sport: Sport) -> RallyEventKind:
@@ -165,9 +173,9 @@ def _move_states(before: FlightEnds, after: FlightEnds, t: FloatArray) -> _Joint
         # the acceleration changes over a gap in which the object was hidden
         lost = (0.1 * np.linalg.norm(acceleration, axis=1) * s[:, 0] ** 2) ** 2
         covariance[:, :3, :3] += np.eye(3) * lost[:, None, None]
-        parts.append((s, place, velocity, covariance))
-    (s_a, p_a, v_a, cov_a), (s_b, p_b, v_b, cov_b) = parts
-    return _Joint(s_a, s_b, p_a, p_b, v_a, v_b, cov_a, cov_b)
+        parts.append((place, velocity, covariance))
+    (p_a, v_a, cov_a), (p_b, v_b, cov_b) = parts
+    return _Joint(p_a, p_b, v_a, v_b, cov_a, cov_b)
 
 
 def _state_constraint(
@@ -218,11 +226,9 @@ def _weigh_hit(place: FloatArray, deviation: FloatArray, joint: _Joint, sport: S
     """Weigh that players hit within their reach, and towards the net."""
     from scipy.special import ndtr
 
-    behind, beside = sport.surroundings
-    off = _excess(place[:, 0], -behind, sport.length + behind) ** 2 / (deviation[:, 0] ** 2 + SURROUNDINGS_SOFTNESS**2)
-    off += _excess(place[:, 1], -beside, sport.width + beside) ** 2 / (deviation[:, 1] ** 2 + SURROUNDINGS_SOFTNESS**2)
-    low = sport.floor if sport.floor < 0 else 0.0
-    off += _excess(place[:, 2], low, sport.floor + sport.reach) ** 2 / (deviation[:, 2] ** 2 + REACH_SOFTNESS**2)
+    off = np.zeros(len(place))
+    for axis, (low, high, softness) in enumerate(limit_hits(sport)):
+        off += _excess(place[:, axis], low, high) ** 2 / (deviation[:, axis] ** 2 + softness**2)
     share = np.clip((place[:, 2] - sport.floor) / sport.reach, *HIT_HEIGHTS)
     off -= 2 * np.log(6 * share * (1 - share))
     is_near = ndtr((sport.length / 2 - place[:, 0]) / deviation[:, 0])

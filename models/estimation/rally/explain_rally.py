@@ -9,11 +9,13 @@ import numpy as np
 from models.core.court import Sport
 from models.core.court_camera import CourtScene
 from models.core.progress import Progress
-from models.core.rally import BallCandidates, Rally
+from models.core.rally import BallCandidates, Rally, RallyEventKind
 from models.core.typing import FloatArray, IntArray
+from models.estimation.rally.event_evidence import name_contact
 from models.estimation.rally.flight_fit import (
     RallyFit,
     fit_rally,
+    flight_slice,
     refine_fit,
 )
 from models.estimation.rally.flight_observations import (
@@ -27,7 +29,6 @@ from models.estimation.rally.initial_flights import align_flights
 from models.estimation.rally.landing_hypotheses import merge_landings
 from models.estimation.rally.rally_building import build_rally, weigh_flights
 from models.estimation.rally.rally_revision import WORST_RIVAL, Doubt, leave_out_flights, revise_structure, weigh_fit
-from models.physics.flight.flight_motion import PARAMETER_COUNT
 
 # Natural logarithm of the probability that an explanation is right although another fits better by as much: evidence
 # is computed from a model that is never wholly true, and so counts by half.
@@ -113,7 +114,7 @@ def _are_same(one: RallyFit, other: RallyFit) -> bool:
         one.structure.kinds == other.structure.kinds
         and one.structure.joined == other.structure.joined
         and abs(one.evidence - other.evidence) < 0.5
-        and bool(np.abs(one.values - other.values)[: 1 + PARAMETER_COUNT].max() < 0.05)
+        and bool(np.abs(one.values - other.values)[: flight_slice(0).stop].max() < 0.05)
     )
 
 
@@ -123,6 +124,12 @@ def _build_empty(scene: CourtScene, candidates: BallCandidates, frame: IntArray,
         scene, frame, t, nothing, nothing, nothing, np.zeros(len(t), np.bool_), (), (),
         players=candidates.players, notes=("no-flight",),
     )  # fmt: skip
+
+
+def _weigh_doubts(doubts: tuple[Doubt, ...], kind: RallyEventKind, t: float, interval: float) -> float:
+    """Return the probability that doubts leave to an event of a kind at a time, s."""
+    near = (doubt for doubt in doubts if doubt.kind == kind and abs(doubt.t - t) < interval / 2)
+    return 1 / (1 + sum(float(np.exp(_EVIDENCE_SHARE * doubt.gain)) for doubt in near))
 
 
 def _combine(rallies: list[Rally], weights: FloatArray, t: FloatArray, doubts: tuple[Doubt, ...]) -> Rally:
@@ -135,13 +142,15 @@ def _combine(rallies: list[Rally], weights: FloatArray, t: FloatArray, doubts: t
             for rally, weight in zip(rallies, weights, strict=True)
             if any(other.kind == event.kind and abs(other.t - event.t) < 1.5 * interval for other in rally.events)
         )
-        near = (doubt for doubt in doubts if doubt.kind == event.kind and abs(doubt.t - event.t) < interval / 2)
-        support /= 1 + sum(float(np.exp(_EVIDENCE_SHARE * doubt.gain)) for doubt in near)
+        support *= _weigh_doubts(doubts, event.kind, event.t, interval)
         events.append(replace(event, probability=float(min(event.probability * support, 1.0))))
-    pairs = [
-        (float(weight), rally.landings[0] if rally.landings else None)
-        for rally, weight in zip(rallies, weights, strict=True)
-    ]
+    contact, pairs = name_contact(best.scene.sport), []
+    for rally, weight in zip(rallies, weights, strict=True):
+        landing = rally.landings[0] if rally.landings else None
+        if landing is not None:
+            trusted = _weigh_doubts(doubts, contact, landing.t, interval)
+            landing = replace(landing, weight=landing.weight * trusted)
+        pairs.append((float(weight), landing))
     landings, nothing = merge_landings(pairs)
     hits = [event.t for event in events if event.kind == "hit"]
     # the last hit decides in which half a landing is good, however doubtful it is

@@ -1,8 +1,8 @@
-"""All flights of a rally fitted together: one drag, events that join them, one least-squares problem.
+"""All flights of a rally fitted together: one law, events that join them, one least-squares problem.
 
-The parameters are the drag of the clip, the 11 parameters of every flight at its start, and the times of the events
-between joined flights. An observation belongs to the flight that covers its time; since the flights meet at an event,
-the cost is continuous where an event passes an observation.
+The parameters are those of the law that all flights of the clip share, the parameters of every flight at its start, and
+the times of the events between joined flights. An observation belongs to the flight that covers its time; since the
+flights meet at an event, the cost is continuous where an event passes an observation.
 """
 
 from __future__ import annotations
@@ -22,9 +22,8 @@ from models.estimation.rally.event_evidence import (
     NET_DEPTH,
     NET_SHARE,
     NET_SHARES,
-    REACH_SOFTNESS,
-    SURROUNDINGS_SOFTNESS,
     contact_ranges,
+    limit_hits,
     weigh_chance,
 )
 from models.estimation.rally.flight_observations import (
@@ -36,7 +35,7 @@ from models.estimation.rally.flight_observations import (
 from models.estimation.rally.flight_segmentation import RallyHypothesis
 from models.estimation.rally.single_flight import DRAG_SPREAD, build_flight_prior
 from models.numerics.least_squares import SearchOptions, invert_semidefinite, minimize_residuals
-from models.physics.flight.flight_motion import PARAMETER_COUNT, FlightPath, accelerate, fly
+from models.physics.flight.flight_motion import PARAMETER_COUNT, FlightPath, fly
 
 # m, softness of the surface below a flight, and of the upper edge of the net, which gives way and hangs unevenly.
 _FLOOR_SOFTNESS, _EDGE_SOFTNESS = 0.02, 0.05
@@ -45,6 +44,10 @@ _BOUNCE_HEIGHT = 0.01
 # m by which a hit is away from the player's feet, to either side: an arm, a racket and a jump. Beyond so many times
 # that, the distance counts less: the feet of someone who is half hidden are not seen. s within which people are seen.
 _ARM, _PLAYER_SCALE, _PLAYER_TIME = 1.1, 2.0, 0.15
+# Parameters of a flight that the flights of a clip have in common: drag, its exponent, and lift by lag; and the share
+# of what is not known of the last two by which they differ from flight to flight.
+_SHARED, _FLIGHT_SHARE = (6, 11, 12), 0.2
+SHARED_COUNT = len(_SHARED)
 # m/s along the court from which it is clear which way the object flies.
 _WAY_SOFTNESS = 1.0
 # s, least time between events, and the longest step of an event in the search.
@@ -80,7 +83,7 @@ class RallyFit:
 
     structure: RallyStructure
     values: FloatArray
-    """(P,) drag, 11 parameters of each flight, and the start of each flight, s."""
+    """(P,) shared parameters, those of each flight, and the start of each flight, s."""
     information: FloatArray
     """(P, P), of priors and observations."""
     cost: float
@@ -95,12 +98,13 @@ class RallyFit:
 
 def flight_slice(index: int) -> slice:
     """Return where the parameters of a flight stand among the values of a fit."""
-    return slice(1 + PARAMETER_COUNT * index, 1 + PARAMETER_COUNT * (index + 1))
+    first = SHARED_COUNT + PARAMETER_COUNT * index
+    return slice(first, first + PARAMETER_COUNT)
 
 
 def start_row(index: int, flights: int) -> int:
     """Return where the start of a flight stands among the values of a fit."""
-    return 1 + PARAMETER_COUNT * flights + index
+    return SHARED_COUNT + PARAMETER_COUNT * flights + index
 
 
 def fit_rally(observed: FlightObservations, sport: Sport, hypothesis: RallyHypothesis) -> RallyFit | None:
@@ -116,10 +120,11 @@ def fit_rally(observed: FlightObservations, sport: Sport, hypothesis: RallyHypot
     guesses = hypothesis.flights
     if not guesses:
         return None
-    values, heights, joined = [sport.object.drag.mean], [], []
+    values, heights, joined = build_flight_prior(sport).mean[list(_SHARED)].tolist(), [], []
     for guess in guesses:
         p = guess.flight.parameters.copy()
-        moved = fly(p, np.array([guess.t - observed.t[guess.first]]), 0.0).states[0]
+        turn_length = sport.object.turn_length * guess.flight.turns
+        moved = fly(p, np.array([guess.t - observed.t[guess.first]]), turn_length).states[0]
         # a flight that is followed back too far grows absurdly fast: nothing is known of what came before it
         joined.append(guess.is_joined and bool(np.linalg.norm(moved[3:]) < 1.5 * sport.object.max_speed))
         if joined[-1]:
@@ -171,7 +176,7 @@ def assign_times(t: FloatArray, structure: RallyStructure, values: FloatArray) -
         Indices of the times of each flight.
     """
     count = len(structure)
-    starts = values[1 + PARAMETER_COUNT * count :]
+    starts = values[start_row(0, count) :]
     rows = []
     for k in range(count):
         low = starts[k] if structure.joined[k] else structure.begin[k] - 1e-9
@@ -188,7 +193,7 @@ class _Problem:
     def __init__(self, observed: FlightObservations, sport: Sport, structure: RallyStructure) -> None:
         self.observed, self.sport, self.structure = observed, sport, structure
         self.prior = build_flight_prior(sport)
-        self.size = 1 + (PARAMETER_COUNT + 1) * len(structure)
+        self.size = SHARED_COUNT + (PARAMETER_COUNT + 1) * len(structure)
         self.normalizer = 0.0
         self.rows: list[FloatArray] = []
         self.by: list[FloatArray] = []
@@ -214,9 +219,10 @@ class _Problem:
         """Evaluate residuals (R,) and their derivatives (R, P)."""
         self.rows, self.by, self.normalizer = [], [], 0.0
         sport, structure, prior, count = self.sport, self.structure, self.prior, len(self.structure)
-        drag = sport.object.drag
-        self._add_linear({0: 1.0}, values[0] - drag.mean, drag.sigma)
-        before: tuple[int, FloatArray, FloatArray, float] | None = None
+        for column, index in enumerate(_SHARED):
+            sigma = sport.object.drag.sigma if index == 6 else prior.sigma[index]
+            self._add_linear({column: 1.0}, values[column] - prior.mean[index], sigma)
+        before: tuple[FloatArray, FloatArray, FloatArray] | None = None
         for k, rows in enumerate(assign_times(self.observed.t, structure, values)):
             part, start = flight_slice(k), values[start_row(k, count)]
             p, turn_length = values[part], structure.turn_length(k, sport)
@@ -230,10 +236,10 @@ class _Problem:
             self._add_surface(path, k, part)
             self._add_net(k, part, p, path, turn_length, np.append(self.observed.t[rows], end) - start)
             if structure.joined[k] and before is not None:
-                self._add_event(k, values, *before[1:])
+                self._add_event(k, values, *before)
             elif structure.kinds[k] == "hit":
                 self._add_reach(k, p, start)
-            before = (k, path.states[-1], path.derivatives[-1], end)
+            before = (path.states[-1], path.accelerations[-1], path.derivatives[-1])
         return np.concatenate(self.rows), np.vstack(self.by)
 
     def _add(self, residual: FloatArray, by: FloatArray, columns: slice | IntArray) -> None:
@@ -259,8 +265,9 @@ class _Problem:
             used += [0, 1, 2]
         for j in used:
             self._add_linear({start + j: 1.0}, values[start + j] - mean[j], sigma[j])
-        spread = DRAG_SPREAD * mean[6]
-        self._add_linear({start + 6: 1.0, 0: -1.0}, values[start + 6] - values[0], spread)
+        for column, index in enumerate(_SHARED):
+            spread = DRAG_SPREAD * mean[6] if index == 6 else _FLIGHT_SHARE * sigma[index]
+            self._add_linear({start + index: 1.0, column: -1.0}, values[start + index] - values[column], spread)
 
     def _add_observations(self, rows: IntArray, path: FlightPath, k: int, part: slice) -> None:
         observed = self.observed.select(rows)
@@ -316,13 +323,7 @@ class _Problem:
     def _add_reach(self, k: int, p: FloatArray, t: float) -> None:
         """Keep a hit within the players' reach, near the court and, where people are seen, near one of them."""
         sport, at = self.sport, flight_slice(k).start
-        behind, beside = sport.surroundings
-        limits = (
-            (0, -behind, sport.length + behind, SURROUNDINGS_SOFTNESS),
-            (1, -beside, sport.width + beside, SURROUNDINGS_SOFTNESS),
-            (2, sport.floor + sport.object.radius, sport.floor + sport.reach, REACH_SOFTNESS),
-        )
-        for axis, low, high, softness in limits:
+        for axis, (low, high, softness) in enumerate(limit_hits(sport)):
             off = max(p[axis] - high, 0.0) + min(p[axis] - low, 0.0)
             if off:
                 row = np.zeros((1, self.size))
@@ -335,6 +336,7 @@ class _Problem:
             off = (p[:2] - feet) / _ARM
             factor, slope = bound_residuals(off[None], _PLAYER_SCALE)
             self._add(off * factor[0], np.eye(2) * slope[0] / _ARM, np.array([at, at + 1]))
+            behind, beside = sport.surroundings
             area = (sport.length + 2 * behind) * (sport.width + 2 * beside)
             self.normalizer += float(np.log(area / (2 * np.pi * _ARM**2)))
 
@@ -352,12 +354,13 @@ class _Problem:
         above = np.maximum(np.maximum(people[:, 2] - px[1], px[1] - people[:, 4]), 0.0)
         return np.asarray(people[int(np.argmin(np.hypot(beside, above) / np.maximum(size, 1.0))), 5:7])
 
-    def _add_event(self, k: int, values: FloatArray, state: FloatArray, derivative: FloatArray, _: float) -> None:
-        """Join a flight to the end, (6,) with derivatives (6, 11), of the one before."""
+    def _add_event(
+        self, k: int, values: FloatArray, state: FloatArray, acceleration: FloatArray, derivative: FloatArray
+    ) -> None:
+        """Join a flight to the end, (6,) with its acceleration and derivatives (6, P), of the one before."""
         sport, kind, count = self.sport, self.structure.kinds[k], len(self.structure)
         item, part, earlier = sport.object, flight_slice(k), flight_slice(k - 1)
         p, at_start, before_start = values[part], start_row(k, count), start_row(k - 1, count)
-        acceleration = accelerate(values[earlier], state)
         rate = np.concatenate([state[3:], acceleration])
 
         def add(of_state: FloatArray, of_start: FloatArray, residual: float, sigma: float) -> None:

@@ -15,6 +15,9 @@ from models.core.typing import BoolArray, FloatArray, IntArray
 # Student-like loss: residuals far beyond this many standard deviations no longer pull. A detector's places have
 # tails that are wider than its own sigma says.
 ROBUST_SCALE = 3.0
+# px that an object at rest seems to move at most to either side, and s that it then stays: one at its apex stays as
+# near for 0.29 s, where 60 px show a metre.
+REST_PX, _REST_TIME = 3.0, 0.3
 # Natural logarithm of the density of clutter per standard deviation of a place: 1/(2 pi sigma^2) against an image. It
 # is the price of an observation that no flight explains.
 CLUTTER_COST = 12.0
@@ -32,6 +35,8 @@ class FlightObservations:
     """(N, 3, 4) projections of places in space."""
     whitening: FloatArray
     """(N, 2, 2) from px to standard deviations: across the streak, and along it."""
+    is_resting: BoolArray
+    """(N,) whether the object lies still, in a hand or on the floor: no flight has to explain it."""
     players: FloatArray = field(default_factory=lambda: np.empty((0, 7)))
     """(P, 7) people on the court: s; left, top, right and bottom, px; x and y of their feet, m."""
 
@@ -40,7 +45,8 @@ class FlightObservations:
 
     def select(self, rows: slice | IntArray | BoolArray) -> FlightObservations:
         """Return the observations of some rows."""
-        return replace(self, t=self.t[rows], px=self.px[rows], matrix=self.matrix[rows], whitening=self.whitening[rows])
+        names = ("t", "px", "matrix", "whitening", "is_resting")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
 
 def prepare_observations(
@@ -68,7 +74,20 @@ def prepare_observations(
     along = np.where(length[:, None] > 0, streak / np.where(length, length, 1.0)[:, None], [1.0, 0.0])
     across = np.stack([-along[:, 1], along[:, 0]], axis=1)
     whitening = np.stack([across / sigma[:, :1], along / sigma[:, 1:]], axis=1)
-    return FlightObservations(t, camera.undistort(px), np.ascontiguousarray(matrix), whitening)
+    flat = camera.undistort(px)
+    resting = np.zeros(len(t), np.bool_)
+    return FlightObservations(t, flat, np.ascontiguousarray(matrix), whitening, resting)
+
+
+def find_rests(px: FloatArray, t: FloatArray) -> BoolArray:
+    """Find where an object at places (N, 2), px, of an image that stands still, does not move for a while."""
+    resting, first = np.zeros(len(px), np.bool_), 0
+    for last in range(len(px)):
+        while (np.ptp(px[first : last + 1], axis=0) > 2 * REST_PX).any():
+            first += 1
+        if t[last] - t[first] >= _REST_TIME:
+            resting[first : last + 1] = True
+    return resting
 
 
 def stabilize_places(camera: CourtCamera, frame: NDArray[np.int64], px: FloatArray) -> FloatArray:
@@ -103,7 +122,7 @@ def weigh_by_law(by_place: FloatArray, xyz: FloatArray, item: FlyingObject, turn
         by_place: (N, 2, 3) derivatives of residuals by places.
         xyz: (N, 3) m, places of one flight, in the order of time.
         item: The object.
-        turn_length: m of path over which these errors fade; 0 where they last.
+        turn_length: m of path over which it turns over; 0 where it does not.
 
     Returns:
         Factors (N,) on residuals and derivatives.
@@ -111,7 +130,7 @@ def weigh_by_law(by_place: FloatArray, xyz: FloatArray, item: FlyingObject, turn
     error = np.full(len(xyz), item.law_error)
     if turn_length > 0:
         steps = np.linalg.norm(np.diff(xyz, axis=0, prepend=xyz[:1]), axis=1)
-        error *= np.exp(-np.cumsum(steps) / turn_length)
+        error += item.turn_error * np.exp(-np.cumsum(steps) / turn_length)
     largest = np.linalg.norm(by_place, axis=2).max(axis=1, initial=0.0)
     return np.asarray(1 / np.sqrt(1 + (error * largest) ** 2))
 

@@ -16,9 +16,9 @@ from models.core.progress import Progress
 from models.core.rally import RallyEventKind
 from models.core.typing import FloatArray, IntArray
 from models.estimation.rally.event_evidence import FlightEnds, weigh_events
-from models.estimation.rally.flight_observations import CLUTTER_COST, FlightObservations
+from models.estimation.rally.flight_observations import CLUTTER_COST, REST_PX, FlightObservations
 from models.estimation.rally.single_flight import FlightPrior, SingleFlight, build_flight_prior, fit_single_flight
-from models.physics.flight.flight_motion import GRAVITY, accelerate
+from models.physics.flight.flight_motion import GRAVITY
 
 # s, longest flight between two events, and most stretches between kinks in it.
 _LONGEST_FLIGHT, _MOST_STRETCHES = 3.5, 7
@@ -30,8 +30,8 @@ _KINK_GRAVITIES, _BEND_TIME = 2.0, 0.1
 _HOPELESS = 25.0
 # Best sequences that are kept at every flight.
 _BEST = 4
-# px that an object at rest moves at most, and the cost of a rest.
-_REST_PX, _REST_COST = 3.0, 8.0
+# Cost of a rest.
+_REST_COST = 8.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +153,7 @@ def _fit_from(
     for end in range(begin + 1, len(kinks)):
         last = int(kinks[end])
         off = px[first:last] - np.median(px[first:last], axis=0)
-        if last - first >= 3 and np.abs(off).max() < _REST_PX:
+        if last - first >= 3 and np.abs(off).max() < REST_PX:
             nodes.append(_Node(begin, end, None, -_REST_COST - 0.5 * float((off**2).sum())))
         if end - begin > _MOST_STRETCHES or observed.t[last - 1] - observed.t[first] > _LONGEST_FLIGHT:
             break
@@ -180,8 +180,8 @@ def _collect_ends(nodes: list[_Node], t: FloatArray, is_end: bool) -> FlightEnds
     states = np.array([flight.path.states[row] for flight in flights])
     by = np.array([flight.path.derivatives[row] for flight in flights])
     covariances = np.array([flight.covariance for flight in flights])
-    p = np.array([flight.parameters for flight in flights])
-    return FlightEnds(float(t), states, by @ covariances @ by.transpose(0, 2, 1), accelerate(p, states))
+    accelerations = np.array([flight.path.accelerations[row] for flight in flights])
+    return FlightEnds(float(t), states, by @ covariances @ by.transpose(0, 2, 1), accelerations)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,13 @@ from models.core.court_camera import CourtScene
 from models.core.rally import BallCandidates
 from models.core.typing import FloatArray, IntArray
 from models.estimation.rally.flight_fit import RallyFit, assign_times, flight_slice, start_row
-from models.estimation.rally.flight_observations import FlightObservations, compare_places, prepare_observations
+from models.estimation.rally.flight_observations import (
+    FlightObservations,
+    compare_places,
+    find_rests,
+    prepare_observations,
+    stabilize_places,
+)
 from models.physics.flight.flight_motion import fly
 
 # Standard deviations within which a candidate is taken for the object once the flights are known.
@@ -39,7 +45,9 @@ def look_at_candidates(
     """Collect the observations of the chosen candidates (T,), -1 for none, of frames (T,) at times (T,), s."""
     rows = np.flatnonzero(chosen >= 0)
     observed = observe_candidates(scene, candidates, frame, t, chosen, rows)
-    return Sight(chosen, rows, replace(observed, players=_locate_players(scene, candidates.players, frame, t)))
+    players = _locate_players(scene, candidates.players, frame, t)
+    resting = find_rests(stabilize_places(scene.camera, frame[rows], candidates.centre[chosen[rows]]), t[rows])
+    return Sight(chosen, rows, replace(observed, players=players, is_resting=resting))
 
 
 def _locate_players(scene: CourtScene, boxes: FloatArray, frame: IntArray, t: FloatArray) -> FloatArray:

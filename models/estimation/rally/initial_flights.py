@@ -15,7 +15,7 @@ from models.core.typing import FloatArray
 from models.estimation.rally.flight_observations import FlightObservations
 from models.estimation.rally.flight_segmentation import FlightGuess, RallyHypothesis
 from models.estimation.rally.single_flight import Pin, SingleFlight, build_flight_prior, fit_single_flight
-from models.physics.flight.flight_motion import fly
+from models.physics.flight.flight_motion import FlightPath, fly
 
 # m by which a place on the surface is known, along it and in height, before the time of the bounce is fitted.
 _SURFACE_SIGMA = (0.4, 0.4, 0.03)
@@ -53,9 +53,9 @@ def align_flights(observed: FlightObservations, sport: Sport, hypothesis: RallyH
                 continue
             neighbours = []
             if k > 0 and guesses[k].is_joined and k not in surface:
-                neighbours.append(_end_of(observed, guesses[k - 1], guesses[k].t))
+                neighbours.append(_end_of(observed, sport, guesses[k - 1], guesses[k].t))
             if k + 1 < count and guesses[k + 1].is_joined and k + 1 not in surface:
-                neighbours.append(_end_of(observed, guesses[k + 1], guesses[k + 1].t))
+                neighbours.append(_end_of(observed, sport, guesses[k + 1], guesses[k + 1].t))
             pins += tuple(pin for pin in neighbours if pin is not None)
             if pins:
                 guesses[k] = _fit_again(observed, sport, guesses[k], pins)
@@ -75,7 +75,7 @@ def _fit_again(observed: FlightObservations, sport: Sport, guess: FlightGuess, p
 
 def _find_surface(observed: FlightObservations, sport: Sport, before: FlightGuess, t: float) -> Pin | None:
     """Find where a bounce, seen where the flight before it ends, is on the table or the floor."""
-    place = fly(before.flight.parameters, np.array([t - observed.t[before.first]]), 0.0).states[0, :3]
+    place = _fly_guess(observed, sport, before, t).states[0, :3]
     return pin_to_surface(observed.matrix[before.last], place, t, sport)
 
 
@@ -108,9 +108,14 @@ def _meet_plane(matrix: FloatArray, homogeneous: FloatArray, z: float) -> FloatA
     return np.array([xy[0] / xy[2], xy[1] / xy[2], z])
 
 
-def _end_of(observed: FlightObservations, guess: FlightGuess, t: float) -> Pin | None:
+def _fly_guess(observed: FlightObservations, sport: Sport, guess: FlightGuess, t: float) -> FlightPath:
+    turns = guess.flight.turns
+    return fly(guess.flight.parameters, np.array([t - observed.t[guess.first]]), sport.object.turn_length * turns)
+
+
+def _end_of(observed: FlightObservations, sport: Sport, guess: FlightGuess, t: float) -> Pin | None:
     """Return where a neighbouring flight is at an event."""
-    path = fly(guess.flight.parameters, np.array([t - observed.t[guess.first]]), 0.0)
+    path = _fly_guess(observed, sport, guess, t)
     place, by = path.states[0, :3], path.derivatives[0, :3]
     if not np.isfinite(place).all():
         return None

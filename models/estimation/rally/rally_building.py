@@ -18,7 +18,7 @@ from models.estimation.rally.landing_hypotheses import find_landing, predict_lan
 from models.estimation.rally.rally_views import is_on_surface
 from models.numerics.least_squares import invert_semidefinite
 from models.numerics.statistics import measure_lack_of_fit
-from models.physics.flight.flight_motion import PARAMETER_COUNT, accelerate, fly, fly_flight
+from models.physics.flight.flight_motion import PARAMETER_COUNT, fly, fly_flight
 
 # Steps of differences by the parameters of a camera: m, rad, logarithm of the focal length, k1.
 _CAMERA_STEPS = np.array([0.01, 0.01, 0.01, 1e-4, 1e-4, 1e-4, 1e-4, 1e-3])
@@ -29,8 +29,6 @@ _UNSEEN_START = 0.8
 _LOW_HIT, _LOW_HEIGHT = 0.9, 0.1
 # Places from which the looks of a flight are judged: a hit blurs two or three.
 _JUDGED_PLACES = 4
-# Frames by which the moment of a landing is known at best.
-_LANDING_FRAMES = 0.3
 # s before a flight in which the object may last have been seen, in a hand.
 _HAND_GAP = 0.4
 # Share of the length of the court that the first stroke of a rally drives the object at least: less is a toss.
@@ -109,16 +107,13 @@ def build_rally(
             chance = chances[k - 1] * chances[k]
             events.append(_build_event(kind, block, p, start, flights[-1], sport, chance))
             if kind == "landing":
-                # how a shuttle hops is hardly known, and so is the moment between two frames at which it lands
-                velocity = fly_flight(flights[-1], np.array([start]), sport.object).states[0, 3:] * [1, 1, 0]
-                spread = np.outer(velocity, velocity) * (_LANDING_FRAMES * interval) ** 2
-                events[-1] = replace(events[-1], covariance=events[-1].covariance + spread)
                 break
         to_fixed = np.eye(PARAMETER_COUNT, PARAMETER_COUNT + 1)
-        to_fixed[:6, -1] = -np.concatenate([p[3:6], accelerate(p, p[:6])])
+        at_start = fly(p, np.zeros(1), structure.turn_length(k, sport))
+        to_fixed[:6, -1] = -np.concatenate([p[3:6], at_start.accelerations[0]])
         turns = kind in (None, "hit")
         flights.append(Flight(start, end, p, to_fixed @ block @ to_fixed.T, turns, chi2[k]))
-        if not structure.joined[k]:
+        if not structure.joined[k] and turns:
             event = _build_first_hit(scene, flights[-1], rally, interval)
             events += [replace(event, probability=event.probability * chances[k])] if event is not None else []
     events = _drop_tosses(flights, events, sport)

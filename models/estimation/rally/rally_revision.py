@@ -16,6 +16,7 @@ from models.core.rally import RallyEventKind
 from models.core.typing import BoolArray, FloatArray
 from models.estimation.rally.event_evidence import name_contact
 from models.estimation.rally.flight_fit import (
+    SHARED_COUNT,
     RallyFit,
     RallyStructure,
     assign_times,
@@ -118,8 +119,9 @@ def _collect_rivals(observed: FlightObservations, sport: Sport, best: RallyFit, 
 
 def weigh_fit(fit: RallyFit, observed: FlightObservations) -> float:
     """Return the evidence of a fit, the observations that it leaves as clutter included."""
-    explained = sum(len(rows) for rows in assign_times(observed.t, fit.structure, fit.values))
-    return fit.evidence - CLUTTER_COST * (len(observed) - explained)
+    explained = observed.is_resting.copy()
+    explained[np.concatenate(assign_times(observed.t, fit.structure, fit.values))] = True
+    return fit.evidence - CLUTTER_COST * int((~explained).sum())
 
 
 def leave_out_flights(
@@ -140,7 +142,7 @@ def leave_out_flights(
         structure.heights[stays],
     )
     parts = [values[flight_slice(k)] for k in range(count) if stays[k]]
-    return rest, np.concatenate([values[:1], *parts, starts[stays]])
+    return rest, np.concatenate([values[:SHARED_COUNT], *parts, starts[stays]])
 
 
 def goes_on_after_landing(structure: RallyStructure) -> bool:
@@ -214,7 +216,7 @@ def _fit_part(
     part = RallyStructure(structure.kinds[first:stop], joined, begin, end, structure.heights[first:stop])
     own = values[flight_slice(first).start : flight_slice(stop).start]
     return observed.select(rows), refine_fit(
-        observed.select(rows), sport, part, np.concatenate([values[:1], own, starts[first:stop]])
+        observed.select(rows), sport, part, np.concatenate([values[:SHARED_COUNT], own, starts[first:stop]])
     )
 
 
@@ -232,7 +234,7 @@ def _splice(structure: RallyStructure, values: FloatArray, trial: _Trial) -> tup
         np.concatenate([structure.end[:a], end, structure.end[b:]]),
         np.concatenate([structure.heights[:a], part.heights, structure.heights[b:]]),
     )
-    flights = [values[: flight_slice(a).start], own[1 : start_row(0, len(part))]]
+    flights = [values[: flight_slice(a).start], own[SHARED_COUNT : start_row(0, len(part))]]
     rest = values[flight_slice(b).start : start_row(0, count)]
     return spliced, np.concatenate([*flights, rest, starts[:a], own_starts, starts[b:]])
 
@@ -283,22 +285,22 @@ def _merge(fit: RallyFit, k: int, is_later_longer: bool, sport: Sport) -> tuple[
         end[stays],
         structure.heights[stays],
     )
-    return fewer, np.concatenate([values[:1], *parts, starts[stays]])
+    return fewer, np.concatenate([values[:SHARED_COUNT], *parts, starts[stays]])
 
 
 def _flip(
     observed: FlightObservations, fit: RallyFit, k: int, deviation: FloatArray, sport: Sport
 ) -> list[tuple[RallyStructure, FloatArray]]:
-    """Take a bounce for a hit, or a hit that is seen where a bounce might be for a bounce."""
+    """Take a bounce or a touch of the net for a hit, or a hit that is seen where a bounce might be for a bounce."""
     structure, at = fit.structure, flight_slice(k).start
     kinds = list(structure.kinds)
-    if kinds[k] in ("bounce", "landing"):
+    if kinds[k] in ("bounce", "landing", "net"):
         kinds[k] = "hit"
         return [(replace(structure, kinds=tuple(kinds)), fit.values.copy())]
     start = float(fit.values[start_row(k, len(structure))])
     row = min(int(np.searchsorted(observed.t, start)), len(observed) - 1)
     pin = pin_to_surface(observed.matrix[row], fit.values[at : at + 3], start, sport)
-    if kinds[k] != "hit" or pin is None or not _may_bounce(pin, fit.values[at : at + 3], deviation[at + 2], sport):
+    if pin is None or not _may_bounce(pin, fit.values[at : at + 3], deviation[at + 2], sport):
         return []
     kinds[k] = name_contact(sport)
     heights = structure.heights.copy()

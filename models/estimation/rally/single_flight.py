@@ -1,7 +1,7 @@
 """One flight fitted alone to places in the image, with what is known before: the building block of the search.
 
 The fit starts from the linear problem that is left once drag and lift are held (the projection of a place times its
-depth is linear in place and velocity at the start), and ends with damped least squares over all 11 parameters. Its
+depth is linear in place and velocity at the start), and ends with damped least squares over all parameters. Its
 Laplace evidence lets flights of different numbers be compared.
 """
 
@@ -47,9 +47,9 @@ class FlightPrior:
     """What is known of the parameters of a flight before it is seen."""
 
     mean: FloatArray
-    """(11,)"""
+    """(P,)"""
     sigma: FloatArray
-    """(11,)"""
+    """(P,)"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,15 +69,17 @@ class SingleFlight:
     """A flight that was fitted alone. Its parameters refer to its first observation."""
 
     parameters: FloatArray
-    """(11,)"""
+    """(P,)"""
     covariance: FloatArray
-    """(11, 11)"""
+    """(P, P)"""
     cost: float
     """Robust chi2, the prior's included."""
     evidence: float
     """Natural logarithm of the probability density of the observations (Laplace), per standard deviation of each."""
     path: FlightPath
     """At the times of the observations."""
+    turns: bool
+    """Whether it begins with a hit, after which a shuttle turns over."""
 
 
 def build_flight_prior(sport: Sport) -> FlightPrior:
@@ -86,13 +88,14 @@ def build_flight_prior(sport: Sport) -> FlightPrior:
     behind, beside = sport.surroundings
     mean = np.zeros(PARAMETER_COUNT)
     mean[:3] = sport.length / 2, sport.width / 2, _HEIGHT[0]
-    mean[6], mean[10] = item.drag.mean, item.turn_drag.mean
+    mean[6], mean[10], mean[11] = item.drag.mean, item.turn_drag.mean, item.drag_exponent.mean
     sigma = np.empty(PARAMETER_COUNT)
     sigma[:3] = sport.length / 3 + behind / 2, sport.width / 3 + beside / 2, _HEIGHT[1]
     sigma[3:6] = _SPEED_SHARE * item.max_speed * np.array([1.0, 0.5, 0.5])
     sigma[6] = np.hypot(item.drag.sigma, DRAG_SPREAD * item.drag.mean)
     sigma[7:10] = max(item.lift, _NONE)
-    sigma[10] = max(item.turn_drag.sigma, _NONE)
+    sigma[10], sigma[11] = max(item.turn_drag.sigma, _NONE), item.drag_exponent.sigma
+    sigma[12] = max(item.lag_lift, _NONE)
     return FlightPrior(mean, sigma)
 
 
@@ -163,7 +166,7 @@ def fit_single_flight(
     path = fly(best.point, tau, turn_length)
     by_place = compare_places(observed, path.states[:, :3])[1]
     evidence += 2 * float(np.log(weigh_by_law(by_place, path.states[:, :3], sport.object, turn_length)).sum())
-    return SingleFlight(best.point, invert_semidefinite(information), best.cost, evidence, path)
+    return SingleFlight(best.point, invert_semidefinite(information), best.cost, evidence, path, turns)
 
 
 def _solve_linear(

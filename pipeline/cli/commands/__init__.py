@@ -10,7 +10,7 @@ from pipeline.terminal.command_line import app
 
 # Names of the commands in the order of `--help`: as a new user needs them.
 COMMAND_NAMES = (
-    "check", "run", "batch", "view", "edit", "call", "compare", "what-if", "predict", "put-back", "interpolate",
+    "app", "check", "run", "batch", "view", "edit", "call", "compare", "what-if", "predict", "put-back", "interpolate",
     "diagnose", "gapcheck", "fit-table", "certify", "convert", "simulate", "detect", "train-detector", "reproduce",
     "graph", "cache",
 )  # fmt: skip

@@ -38,8 +38,8 @@ def call(
 
     Args:
         folder: The folder of a run.
-        question: contact A B | first A | cushion-first A | pocket A top-left | line x=0.635 A | score | foul; of a
-            rally: landing | net
+        question: contact A B | rail A left | first A | cushion-first A | pocket A top-left | line x=0.635 A | score |
+            foul; of a rally: landing | net
         edge: For line: whether the edge of the ball crosses, instead of its centre.
         on: For foul: what must be hit first: solids, stripes, eight, red, colour, a ball.
         singles: For landing: whether it is in the singles court. Default: what the sport plays most.

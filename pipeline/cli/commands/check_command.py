@@ -102,6 +102,7 @@ def _report_to_json(report: FilmingReport) -> dict[str, Any]:
         "balls": None if report.refusal or scene is None else report.ball_count,
         "warnings": [] if report.refusal or scene is None else list(scene.warnings),
         "bits_per_pixel": report.bits_per_pixel if math.isfinite(report.bits_per_pixel) else None,
+        "sentences": [VERDICT_WORDS[report.verdict], *(line for part in _list_sentences(report) for line in part)],
         "measurements": [
             {
                 "code": one.code,
@@ -125,14 +126,18 @@ def _print_report(report: FilmingReport) -> None:
         for one in report.measurements
     )
     cli.print_rows(("", "", "measured", "good"), rows)
-    scene = report.view.scene
-    if scene is not None and not report.refusal:
-        screen.print(format_located_table(scene.table, report.ball_count), markup=False)
-        for warning in scene.warnings:
-            screen.print(f"- {warning}", markup=False, soft_wrap=True)
-    for line in format_advice(report.measurements, report.refusal):
-        screen.print(f"- {line}", markup=False, soft_wrap=True)
+    located, remarks = _list_sentences(report)
+    for line in (*located, *(f"- {remark}" for remark in remarks)):
+        screen.print(line, markup=False, soft_wrap=True)
     screen.print(VERDICT_WORDS[report.verdict], markup=False)
+
+
+def _list_sentences(report: FilmingReport) -> tuple[list[str], list[str]]:
+    """List what was located, and what is doubtful or should be changed."""
+    scene, advice = report.view.scene, format_advice(report.measurements, report.refusal)
+    if scene is None or report.refusal:
+        return [], advice
+    return [format_located_table(scene.table, report.ball_count)], [*scene.warnings, *advice]
 
 
 def _draw_still(report: FilmingReport) -> ImageArray:

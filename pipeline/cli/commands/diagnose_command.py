@@ -62,6 +62,8 @@ def diagnose_folders(
     if (folder / PROFILE_FILE).is_file():
         origin = "what comes nearest, which is not enough" if report.verdict == "unknown" else "what was found"
         notes.append(f"The next run of this table can start from {origin}: --profile {folder / PROFILE_FILE}")
+    if simulator is not None and (folder / "recording.rrd").is_file():
+        notes.append(f"To see the predictions move beside what was recorded: trueroll view {folder}")
     causes = [(one.name, format_probability(one.probability), one.strength) for one in list_causes(report)]
 
     def say(*sentences: str) -> tuple[str, ...]:

@@ -2,56 +2,42 @@
 
 from __future__ import annotations
 
-import webbrowser
-from contextlib import suppress
+import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from pipeline.engine.result_cache import open_cache
-from pipeline.run_options import RunOptions, build_options, list_overridden_flags, list_settings
+from pipeline.engine.result_cache import CACHE_VARIABLE
 from pipeline.terminal import command_line as cli
-from pipeline.terminal.command_settings import add_settings
 
 
 @cli.command("edit")
-@add_settings(list_settings(), build_options)
 def edit(
     target: Annotated[Path, typer.Argument(metavar="DIR|CLIP")],
-    options: RunOptions,
-    out: Annotated[Path | None, cli.OUT] = None,
     port: Annotated[int, typer.Option(min=0, max=65535)] = 0,
     browser: Annotated[bool, typer.Option("--browser/--no-browser")] = True,
     cache: cli.CacheOption = None,
 ) -> None:
-    """Correct a run by hand on a page in the browser, without code; later runs of the clip honour the corrections.
+    """Correct a run by hand on the page of trueroll app, without code; later runs of the clip honour the corrections.
 
-    The options of the run need not be given again; corrections beat the options that are given.
+    The options of the run need not be given again; corrections beat them.
 
     Args:
-        target: Folder of a run, or a clip to run first.
-        out: Folder of the results. Default: out/<clip>.
+        target: Folder of a run, or a clip, which is run first, into out/<clip>.
         port: Port of the page; 0 takes a free one.
         browser: Open the page in the browser.
     """
-    from pipeline.editing.edit_server import EditServer  # slow to import
-    from pipeline.editing.edit_session import EditSession
-    from pipeline.editing.edited_clip import continue_run_options, find_edited_clip
-    from pipeline.io.corrections_file import corrections_path, read_corrections
+    from pipeline.app.app_server import open_page
+    from pipeline.app.job_queue import JobQueue
+    from pipeline.app.shot_library import ShotLibrary
+    from pipeline.editing.edited_clip import find_edited_clip  # slow to import
 
-    edited = find_edited_clip(target, out)
-    if overridden := list_overridden_flags(options, read_corrections(edited.path, edited.digest).corrections):
-        path = corrections_path(edited.path)
-        note = f"Note: {', '.join(overridden)} is not used, because {path} sets it; correct it on the page"
-        cli.print_note(note)
-    session = EditSession(edited, continue_run_options(edited, options), open_cache(cache))
-    try:
-        server = EditServer(session, port)
-        cli.print_note(f"Correct the run at {server.url} (end with Ctrl-C)")
-        if browser:
-            webbrowser.open(server.url)
-        with suppress(KeyboardInterrupt):  # the way to end it
-            server.run()
-    finally:
-        session.close()
+    if cache is not None:
+        os.environ[CACHE_VARIABLE] = str(cache.absolute())  # also for the processes that the page starts
+    edited = find_edited_clip(target, None)
+    library = ShotLibrary(edited.folder.parent, depth=1)
+    is_new = edited.path == target and library.read_clip(edited.folder) != target.absolute()
+    if is_new:
+        JobQueue(library).add_clip(target.absolute())
+    open_page(library, port, browser=browser, shot=None if is_new else edited.folder)

@@ -14,7 +14,7 @@ import typer
 from models.core.answer import Answer
 from models.core.errors import TableNotFound
 from pipeline.actions.placement_views import read_camera, write_live_page, write_state, write_wanted_places
-from pipeline.actions.put_back import PlacementGuide, WantedPlaces, locate_wanted_places
+from pipeline.actions.put_back import PlacementGuide, WantedPlaces, locate_wanted_places, read_wanted_frame
 from pipeline.engine.atomic_write import parse_output_path, require_writable_folder
 from pipeline.io.image_file import read_image
 from pipeline.io.run_folder import read_scene_document
@@ -49,7 +49,8 @@ def put_back(
     place = Path(folder)
     target = place if out is None else parse_output_path(out)
     require_writable_folder(target)
-    wanted = locate_wanted_places(read_shot_record(place), place, at, None if clip is None else Path(clip))
+    wanted = locate_wanted_places(read_shot_record(place), at)
+    wanted = read_wanted_frame(wanted, place, None if clip is None else Path(clip))
     answer = write_wanted_places(wanted, target)
     answers = iter([answer]) if live is None else _follow_live(wanted, place, str(live), updates, target, answer)
     for answer in answers:

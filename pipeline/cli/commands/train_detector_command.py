@@ -61,7 +61,7 @@ def train_detector(
         hours: Longest training time without interruptions, in h.
         steps: Largest number of training steps.
         batch: Training samples per step.
-        files: Number of files of 240 training images each, or for flying of 60 films.
+        files: Number of files of 240 training images each, or for flying of 60 films or 12 clips of rallies, in turn.
         threads: Number of processor threads.
         start: Ball network of trueroll to start from.
         seer: For --part streaks: ball network that detects the streaks. Default: the shipped one.

@@ -45,10 +45,13 @@ def read_function(name: str, columns: Sequence[Joint]) -> FunctionSimulator:
         sys.path.append(folder)
     try:
         call = pkgutil.resolve_name(name)
-    except Exception as error:  # a user's module may raise anything
-        raise OptionError(f"A function MODULE:FUNCTION was expected; {name} cannot be imported: {error}") from error
-    coordinates = tuple(getattr(call, "coordinates", ()))
-    units = tuple(getattr(call, "units", ("rad",) * len(coordinates)))
+    except (Exception, SystemExit) as error:  # a user's module may raise anything
+        reason = _format_reason(error)
+        raise OptionError(f"A function MODULE:FUNCTION was expected; {name} cannot be imported: {reason}") from error
+    if not callable(call):
+        raise OptionError(f"A function MODULE:FUNCTION was expected; {name} is a {type(call).__name__}")
+    coordinates = _read_names(call, name, "coordinates")
+    units = _read_names(call, name, "units") or ("rad",) * len(coordinates)
     if not coordinates and not columns:
         raise OptionError(
             f'{name} has to state its coordinates: {function}.coordinates = ("elbow", ...), as the columns of the'
@@ -58,20 +61,35 @@ def read_function(name: str, columns: Sequence[Joint]) -> FunctionSimulator:
         raise OptionError(f"{name}.units has rad or m for each of {', '.join(coordinates)}; got {', '.join(units)}")
     joints = tuple(Joint(one, unit) for one, unit in zip(coordinates, units, strict=True)) or tuple(columns)
     step = getattr(call, "time_step", _USUAL_TIME_STEP)
-    if not isinstance(step, int | float) or not step > 0:
+    if not isinstance(step, int | float) or not 0 < step < float("inf"):
         raise OptionError(f"{name}.time_step is a number of seconds above 0; got {step}")
-    return FunctionSimulator(module, function, joints, tuple(getattr(call, "inputs", ())), float(step))
+    return FunctionSimulator(module, function, joints, _read_names(call, name, "inputs"), float(step))
+
+
+def _read_names(call: object, name: str, attribute: str) -> tuple[str, ...]:
+    """Read an attribute of a function that lists names; empty where it has none."""
+    names = getattr(call, attribute, ())
+    if not isinstance(names, tuple | list) or not all(isinstance(one, str) for one in names):
+        raise OptionError(f'{name}.{attribute} is a tuple of names, ("elbow", ...); got {names!r}'[:200])
+    return tuple(names)
+
+
+def _format_reason(error: BaseException) -> str:
+    """Format what a user's code raised on one line, with its kind."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"[:200]
 
 
 def try_function(simulator: FunctionSimulator, state: FloatArray) -> None:
     """Raise an OptionError where a function cannot go one step from a state (2N,)."""
     inputs = len(simulator.inputs)
     try:
-        simulator.step(state, np.zeros(inputs), np.zeros(len(state) // 2))
-    except Exception as error:  # a user's function may raise anything
+        after = simulator.step(state, np.zeros(inputs), np.zeros(len(state) // 2))
+        if not np.isfinite(after).all():
+            raise ValueError(f"from {state} it went to {after}")
+    except (Exception, SystemExit) as error:  # a user's function may raise anything
         expected = f"(state of {len(state)} numbers, {inputs} inputs, dt) -> state"
         name = f"{simulator.module}:{simulator.function}"
-        raise OptionError(f"{name} was called as {expected}; it failed: {error}") from error
+        raise OptionError(f"{name} was called as {expected}; it failed: {_format_reason(error)}") from error
 
 
 class FunctionSimulator:
@@ -123,7 +141,7 @@ class FunctionRuns:
         paths = np.full((*inputs.shape[:2], self._states.shape[1]), np.nan)
         with redirect_stdout(sys.stderr):  # what a function prints is no result
             for state, given, push, path in zip(self._states, inputs, force, paths, strict=True):
-                with suppress(Exception):  # what a function cannot simulate is lost
+                with suppress(Exception, SystemExit):  # what a function cannot simulate is lost
                     for k, now in enumerate(given):
                         before = path[k - 1] if k else state
                         if not np.isfinite(before).all():

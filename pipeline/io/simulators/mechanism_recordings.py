@@ -1,8 +1,8 @@
 """Recordings of a mechanism: tables with a row per time, and a column per joint and per input of its simulator.
 
-Columns are found by their names: those of the simulator, in any case, or else numbered ones in its order (`q0, q1`, and
-`command0, command1` for inputs); an input may be called like the joint that it alone drives. Inputs hold from row to
-row; an empty cell means that the actuator has no power.
+Columns are found by their names: those of the simulator, in any case, with or without words such as `joint`, `pos` and
+`cmd`, or else numbered ones in its order (`q0, q1`, and `command0, command1` for inputs); an input may be called like
+the joint that it alone drives. Inputs hold from row to row; an empty cell means that the actuator has no power.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from pyarrow import ArrowException, parquet
 
+from diagnosis.fitting.diagnosis_windows import MIN_ROWS
 from models.core.errors import OptionError
 from models.core.recording import Recording, ReferenceFrame
 from models.core.typing import FloatArray
@@ -33,13 +34,15 @@ _USUAL_SIGMA = 1e-3
 # Names of numbered columns, where a file does not use those of the simulator.
 _NUMBERED_JOINT = re.compile(r"(q|qpos|pos|position|joint|angle|theta|measured)_?\d*")
 _NUMBERED_INPUT = re.compile(r"(u|ctrl|control|command|cmd|input|action|asked|torque|target)_?\d*")
-# Endings of the name of an actuator that is called like its joint.
-_INPUT_ENDINGS = ("command", "ctrl", "cmd", "input", "target", "torque")
+# Words of columns of positions, and of inputs, beside the name of their joint or actuator; words of actuators.
+_JOINT_WORDS = frozenset(("joint", "jnt", "pos", "position", "angle", "q", "actual", "measured"))
+_INPUT_WORDS = ("command", "ctrl", "cmd", "input", "target", "torque", "desired", "setpoint", "goal", "ref")
+_EVERY_WORD = _JOINT_WORDS | {*_INPUT_WORDS, "servo", "motor", "actuator", "act"}
 # Ending of the force or torque that a robot measures at a joint.
 _EFFORT = "_effort"
 _WITH_UNIT = re.compile(r"(.+?)_*(?:[\[(]([^\[\]()]+)[\])]|_(deg|rad|m|cm|mm))")
 # Columns that are neither joints nor inputs.
-_OTHER_COLUMNS = {"t", "time", "shot", "episode", "frame", "kind", "id", "sigma", "observed"}
+_OTHER_COLUMNS = {"t", "time", "shot", "frame", "kind", "id", "sigma", "observed"}
 # Recorded poses in which bodies are tested for contact: a second of a fast robot.
 _MOST_POSES = 500
 # Multiple of a joint's limit above which angles without a unit are taken for degrees: stops give a little, and degrees
@@ -144,11 +147,12 @@ def _match_shots(tables: Sequence[TextTable], simulator: OutsideSimulator) -> Me
     familiar = frozenset(name.lower() for name in (*(joint.name for joint in simulator.joints), *simulator.inputs))
     for raw in tables:
         table = _separate_units(raw, familiar)
+        _require_numbers(table, familiar)
         joints, columns, assumed = _find_joint_columns(table, simulator)
         inputs, more = _find_input_columns(table, simulator, columns)
         unused = [name for name in table.columns if name not in {*columns, *inputs, *_OTHER_COLUMNS}]
         left = [f"{escape_text(table.path)}: not used: {', '.join(unused)}"] if unused else []
-        notes += [*table.notes, *assumed, *more, *left]
+        notes += [*table.notes, *assumed, *more, *left, *_doubt_radians(table, joints, columns)]
         for part in _split_shots(table, simulator, joints, columns, inputs):
             shot = len(recordings)
             recordings.append(_record(part, shot, joints))
@@ -156,12 +160,49 @@ def _match_shots(tables: Sequence[TextTable], simulator: OutsideSimulator) -> Me
             origins[shot] = f"{table.path.name}, shot {part.number}"
     if len({one.bodies for one in recordings}) > 1:
         raise OptionError("The recordings have columns for different joints; diagnose them separately")
+    _require_samples(recordings)
     hidden = [joint.name for joint in simulator.joints if joint.name not in recordings[0].bodies]
     if hidden:
         notes.append(f"not recorded: {', '.join(hidden)}; every window starts near the rest of the simulator")
     if len({joint.unit for joint in simulator.joints if joint.name in recordings[0].bodies}) > 1:
         notes.append("some joints are in rad and others in m; errors of both are counted alike")
     return MechanismShots(simulator, tuple(recordings), histories, tuple(dict.fromkeys(notes)), origins)
+
+
+def _require_numbers(table: TextTable, familiar: frozenset[str]) -> None:
+    """Raise an OptionError where a column of text was left out that a joint or an input is called like."""
+    for name in table.texts:
+        match = _WITH_UNIT.fullmatch(name)
+        plain = match[1] if match else name
+        if {name, plain} & familiar or _NUMBERED_JOINT.fullmatch(plain) or _NUMBERED_INPUT.fullmatch(plain):
+            raise OptionError(
+                f"{escape_text(table.path)}: the column {name} has values that are no numbers; write plain numbers, and"
+                " leave a cell empty where there is none"
+            )
+
+
+def _doubt_radians(table: TextTable, joints: Sequence[Joint], columns: Sequence[str]) -> list[str]:
+    """List joints without stops that turn round, where no unit is stated."""
+    doubts = []
+    for joint, column in zip(joints, columns, strict=True):
+        most = float(np.nanmax(np.abs(table.columns[column]), initial=0.0))
+        if column not in table.units and joint.unit == "rad" and np.isinf(joint.limit) and most > 2 * np.pi:
+            doubts.append(
+                f"{escape_text(table.path)}: {column} goes up to {most:.3g} rad, more than a turn; if it is in degrees,"
+                f" name the column {column} (deg)"
+            )
+    return doubts
+
+
+def _require_samples(recordings: Sequence[Recording]) -> None:
+    """Raise an OptionError where a joint has fewer values than any test needs."""
+    counts = sum(one.is_observed.sum(axis=0) for one in recordings)
+    for name, count in zip(recordings[0].bodies, counts, strict=True):
+        if count < 2 * MIN_ROWS:
+            raise OptionError(
+                f"{name} has {count} positions with a time, too few to test anything; give {2 * MIN_ROWS} at least,"
+                " better several hundred"
+            )
 
 
 def _pair_with_simulation(tables: Sequence[TextTable], simulated: TextTable) -> MechanismShots:
@@ -231,11 +272,19 @@ def _find_joint_columns(
     named = [(joint, joint.name.lower()) for joint in simulator.joints if joint.name.lower() in table.columns]
     if named:
         return tuple(joint for joint, _ in named), [column for _, column in named], []
-    columns = [name for name in table.columns if _NUMBERED_JOINT.fullmatch(name)]
-    single = [joint for joint in simulator.joints if "." not in joint.name]
-    if columns and len(columns) == len(single):
-        pairs = ", ".join(f"{column} is {joint.name}" for column, joint in zip(columns, single, strict=True))
-        return tuple(single), columns, [f"{escape_text(table.path)}: by their order, {pairs}"]
+    shorts = {_shorten(name, _JOINT_WORDS): name for name in reversed(table.columns) if name not in _OTHER_COLUMNS}
+    keys = [(one, _shorten(one.name, _JOINT_WORDS)) for one in simulator.joints]
+    close = [(one, shorts[key]) for one, key in keys if key and key in shorts]
+    how = "by their names"
+    if not close or len({column for _, column in close}) < len(close):
+        columns = [name for name in table.columns if _NUMBERED_JOINT.fullmatch(name)]
+        single = [joint for joint in simulator.joints if "." not in joint.name]
+        close = list(zip(single, columns, strict=True)) if len(columns) == len(single) else []
+        how = "by their order"
+    if close:
+        pairs = ", ".join(f"{column} is {joint.name}" for joint, column in close)
+        note = f"{escape_text(table.path)}: {how}, {pairs}"
+        return tuple(joint for joint, _ in close), [column for _, column in close], [note]
     wanted = ", ".join(joint.name for joint in simulator.joints)
     raise OptionError(
         f"{escape_text(table.path)} has the columns {', '.join(table.columns)}; the joints of the simulator are"
@@ -243,38 +292,62 @@ def _find_joint_columns(
     )
 
 
+def _shorten(name: str, words: frozenset[str]) -> str:
+    """Return a name in lower case without certain words: `elbow_joint` and `elbow_pos` are elbow."""
+    return "_".join(word for word in re.split(r"[_./ -]+", name.lower()) if word not in words)
+
+
 def _find_input_columns(
     table: TextTable, simulator: OutsideSimulator, taken: Sequence[str]
 ) -> tuple[list[str | None], list[str]]:
     """Find the columns of all inputs, None where one is not recorded, and what was assumed."""
-    place, chosen_columns, notes = escape_text(table.path), list[str | None](), list[str]()
-    for number, name in enumerate(simulator.inputs):
-        spellings = _spell_input(simulator, number)
-        column = next((one for one in spellings if one in table.columns and one not in taken), None)
-        chosen_columns.append(column)
-        if column is not None and spellings.index(column) > len(_INPUT_ENDINGS):
+    place, notes = escape_text(table.path), list[str]()
+    free = [name for name in table.columns if name not in taken]
+    chosen_columns = [_find_input_column(free, simulator, number) for number in range(len(simulator.inputs))]
+    for name, column in zip(simulator.inputs, chosen_columns, strict=True):
+        plain = name.lower()
+        if column not in (None, plain) and str(column).removeprefix(f"{plain}_") not in _INPUT_WORDS:
             notes.append(f"{place}: the input {name} is {column}")
-    columns: list[str | None] = [
-        name for name in table.columns if _NUMBERED_INPUT.fullmatch(name) and name not in taken
-    ]
+    columns: list[str | None] = [name for name in free if _NUMBERED_INPUT.fullmatch(name)]
     if not any(chosen_columns) and len(columns) == len(simulator.inputs):
-        pairs = ", ".join(f"{column} is {name}" for column, name in zip(columns, simulator.inputs, strict=True))
-        return columns, [f"{place}: the input {pairs}"] if pairs else []
+        ordered = dict(zip(_order_inputs(simulator, columns), columns, strict=True))
+        pairs = ", ".join(f"{column} is {simulator.inputs[k]}" for k, column in ordered.items())
+        return [ordered[k] for k in range(len(columns))], [f"{place}: the input {pairs}"] if pairs else []
     silent = [name for name, column in zip(simulator.inputs, chosen_columns, strict=True) if column is None]
     if silent:
         notes.append(f"{place} has no column for {', '.join(silent)}, told 0 all the time")
     return chosen_columns, notes
 
 
-def _spell_input(simulator: OutsideSimulator, number: int) -> list[str]:
-    """Spell the column of an input: by its name, by the joint that it alone drives, and the effort measured there."""
+def _order_inputs(simulator: OutsideSimulator, columns: Sequence[str | None]) -> list[int]:
+    """Order inputs as their numbered columns are: as their joints, for which `command3` belongs to `q3`.
+
+    Columns called `ctrl`, as MuJoCo calls its inputs, and inputs that share a joint have the order of the simulator.
+    """
+    joints = [one.joint for one in simulator.drives]
+    has_own = len(joints) == len(set(joints)) == len(columns) and min(joints, default=-1) >= 0
+    is_ctrl = all(column is not None and column.startswith("ctrl") for column in columns)
+    return np.argsort(joints).tolist() if has_own and not is_ctrl else list(range(len(columns)))
+
+
+def _find_input_column(columns: Sequence[str], simulator: OutsideSimulator, number: int) -> str | None:
+    """Find the column of an input: its name, or that or its only joint with a word for inputs.
+
+    A motor whose input has no such column takes the effort that a robot measures there.
+    """
     name, drives = simulator.inputs[number].lower(), [one.joint for one in simulator.drives]
     own = drives[number] if drives else -1
-    names = [name]
-    if own >= 0 and drives.count(own) == 1:
-        names.append(simulator.joints[own].name.lower())
-    spellings = [name, *(f"{one}_{ending}" for one in names for ending in _INPUT_ENDINGS)]
-    return spellings if simulator.servo_joints[number] >= 0 else [*spellings, f"{name}{_EFFORT}"]
+    joint = simulator.joints[own].name if own >= 0 and drives.count(own) == 1 else name
+    if name in columns:
+        return name
+    for owner in (name, joint):
+        for word in _INPUT_WORDS:
+            for column in columns:
+                parts = re.split(r"[_./ -]+", column)
+                if word in parts and _shorten(column, _EVERY_WORD) == _shorten(owner, _EVERY_WORD) != "":
+                    return column
+    effort = f"{name}{_EFFORT}"
+    return effort if simulator.servo_joints[number] < 0 and effort in columns else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -303,7 +376,7 @@ def _split_shots(
     table.require(["t"])
     t = table.columns["t"] * TIME_UNITS.get(table.units.get("t", "s"), 1.0)
     count = len(t)
-    shots = table.columns.get("shot", table.columns.get("episode", np.zeros(count)))
+    shots = table.columns.get("shot", np.zeros(count))
     positions = np.stack(
         [_convert(table, joint, column) for joint, column in zip(joints, columns, strict=True)], axis=1
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import copy
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
@@ -23,6 +24,28 @@ _LINES = {"line": 1, "free": 3, "ball": 0}
 _NEAR = 0.05
 # Models with other values that are kept, one for every parameter of two fits, and their bytes.
 _MAX_COPIES, _MAX_COPY_BYTES = 200, 2e8
+
+
+# Kinds of shapes that viewers draw as they are.
+SHAPE_KINDS = ("sphere", "capsule", "ellipsoid", "cylinder", "box")
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """A shape of a body, as a viewer draws it."""
+
+    body: str
+    """Name of its body."""
+    kind: str
+    """One of `SHAPE_KINDS`, or mesh."""
+    size: FloatArray
+    """(3,) m: radius and half length, or half sizes; of a mesh, those of the box around it."""
+    middle: FloatArray
+    """(3,) m, in its own frame; zero but for a mesh."""
+    geom: int
+    """Its number in the model."""
+    is_fixed: bool
+    """Whether its body never moves."""
 
 
 def read_mujoco_file(path: Path) -> MujocoSimulator:
@@ -48,6 +71,8 @@ def read_mujoco_file(path: Path) -> MujocoSimulator:
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise OptionError(f"MuJoCo cannot read {escape_text(path)}: {reason[:200]}; correct the file") from error
+    if not 0 < model.opt.timestep < np.inf:
+        raise OptionError(f"{escape_text(path)} states a time step of {model.opt.timestep:g} s; give one above 0")
     if model.na > 0:
         raise OptionError(
             f"{escape_text(path)} has actuators with a state of their own (na = {model.na}), which a diagnosis cannot"
@@ -101,6 +126,30 @@ class MujocoSimulator:
             trees = near.body_treeid[near.geom_bodyid[self.data.contact.geom]]
             touching |= {(int(one), int(other)) for one, other in trees if one != other and min(one, other) >= 0}
         return MujocoSimulator(self.model, tuple(sorted(touching)))
+
+    def list_shapes(self) -> tuple[Shape, ...]:
+        """List the shapes of all bodies to draw: simple ones, or the boxes around meshes of a body with no other."""
+        kinds = {int(getattr(self._mujoco.mjtGeom, f"mjGEOM_{name.upper()}")): name for name in (*SHAPE_KINDS, "mesh")}
+        shapes, model = list[Shape](), self.model
+        for k, kind in enumerate(model.geom_type.tolist()):
+            if kind in kinds:
+                name, body = kinds[kind], int(model.geom_bodyid[k])
+                centre, half = np.split(model.geom_aabb[k], 2)
+                size, middle = (half, centre) if name == "mesh" else (model.geom_size[k], np.zeros(3))
+                fixed = int(model.body_weldid[body]) == 0
+                shapes.append(Shape(self._name("body", body), name, size, middle, k, fixed))
+        simple = {model.geom_bodyid[one.geom] for one in shapes if one.kind != "mesh"}
+        return tuple(one for one in shapes if one.kind != "mesh" or model.geom_bodyid[one.geom] not in simple)
+
+    def place_shapes(self, shapes: Sequence[Shape], poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return places (K, S, 3) m and rotation matrices (K, S, 3, 3) of S shapes in poses (K, N) of all joints."""
+        geoms, places, turns = [one.geom for one in shapes], [], []
+        for pose in poses:
+            self._set_state(np.concatenate([pose, 0 * pose]))
+            self._mujoco.mj_kinematics(self.model, self.data)
+            places.append(self.data.geom_xpos[geoms])
+            turns.append(self.data.geom_xmat[geoms].reshape(-1, 3, 3))
+        return np.array(places), np.array(turns)
 
     def _join_trees(self) -> IntArray:
         """Number the kinematic trees; those that a constraint, a tendon or a contact couples have one number."""

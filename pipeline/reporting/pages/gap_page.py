@@ -30,6 +30,8 @@ from models.core.scene import Table
 from models.core.typing import FloatArray
 from pipeline.engine.atomic_write import write_text
 from pipeline.io.gap_files import PROFILE_FILE
+from pipeline.io.simulators.mechanism_recordings import MechanismShots
+from pipeline.reporting.pages.gap_place_figure import LineStyle, PredictedLine, build_place_figures
 from pipeline.reporting.pages.page_template import embed_figure, pack_plotly_source, render_template
 from pipeline.reporting.text import gap_sentences
 from pipeline.reporting.text.text_formatting import escape_text, format_law
@@ -46,6 +48,7 @@ def write_gap_page(
     path: Path,
     table: Table | None = None,
     origins: Mapping[int, str] = MappingProxyType({}),
+    shots: MechanismShots | None = None,
 ) -> None:
     """Write the page of a diagnosis.
 
@@ -55,18 +58,24 @@ def write_gap_page(
         path: File to write; for a table, profile.json is in the same folder.
         table: The table, drawn in the plans; None for other scenes.
         origins: Folder names of the shots; empty if all are in one folder.
+        shots: Simulator and inputs of a mechanism; None for other scenes.
     """
+    patch, law = report.unexplained.patch, report.unexplained.law
     # With the verdict "none" nothing was added to the simulator: draw its prediction once.
     gap = replace(report.gap, after=report.gap.before) if report.verdict == "none" else report.gap
     causes, where = gap_sentences.list_causes(report), _list_places(report, origins)
     candidates, others = causes[:MAX_CANDIDATES], ", ".join(one.name for one in causes[MAX_CANDIDATES:])
-    law = report.unexplained.law
+    # what was assumed to read a log comes last, what is wrong in the file of a simulator first
+    reading = 0 if shots is None else len(shots.notes)
+    first, last = report.notes[: len(report.notes) - reading], report.notes[len(report.notes) - reading :]
     html = render_template(
         "gap.html",
         name=title,
         report=report,
         sentence=gap_sentences.format_verdict(report),
         closed=gap_sentences.format_gap_closure(report),
+        first_notes=[f"{one[:1].upper()}{one[1:]}." for one in first] if reading else [],
+        last_notes=last if reading else report.notes,
         shot_use=gap_sentences.format_shot_use(report),
         is_angle=report.gap.unit == "rad",
         candidates=candidates,
@@ -88,7 +97,7 @@ def write_gap_page(
         ],
         plots=[
             (caption, embed_figure(figure, f"plot-{k}", _FIGURE_HEIGHT))
-            for k, (caption, figure) in enumerate(build_gap_figures(gap, table, origins, report.unexplained.patch))
+            for k, (caption, figure) in enumerate(build_gap_figures(gap, table, origins, patch, shots))
         ],
         fitted=[_format_parameter(one) for one in report.fitted if _is_listed(one, report)],
         numbered=gap_sentences.format_shot_folders(origins),
@@ -143,7 +152,6 @@ _ERROR_COLOURS = [[0.0, "#4f8fd0"], [0.5, "#8e3fa8"], [1.0, "#b00020"]]
 # Half the size of the enlarged part, in multiples of the error in its middle.
 _ZOOM_REACH = 3.0
 BEFORE, AFTER, OBSERVED, FRAME = "#c62828", "#0f5c42", "#55605a", "#1b2420"
-LineStyle = dict[str, str | float]
 Interval = tuple[float, float]
 # Row of a window and index of a body.
 Moment = tuple[int, int]
@@ -154,6 +162,7 @@ def build_gap_figures(
     table: Table | None = None,
     origins: Mapping[int, str] = MappingProxyType({}),
     patch: LocalPatch | None = None,
+    shots: MechanismShots | None = None,
 ) -> list[tuple[str, go.Figure]]:
     """Build the figures of a diagnosis.
 
@@ -162,6 +171,7 @@ def build_gap_figures(
         table: The table, drawn in the plans; None for other scenes.
         origins: Folder names of the shots; empty if all are in one folder.
         patch: Where bodies are braked more, or less, than around it; drawn in the map of the errors.
+        shots: Simulator and inputs of a mechanism; None for other scenes.
 
     Returns:
         Titles and figures; none without hold-out shots.
@@ -172,6 +182,8 @@ def build_gap_figures(
     has_predictions = any(len(_prediction_errors(gap, k, gap.before)[1]) for k in range(len(gap.windows)))
     if has_predictions:
         drawn.append(("How the prediction error grows", _draw_error_growth(gap)))
+    if has_predictions and shots is not None:
+        drawn = [*build_place_figures(gap, shots, _list_predictions(gap)), *drawn]
     if has_predictions and _is_plan(gap):
         drawn += _build_error_maps(gap, table, patch)
     return drawn
@@ -187,7 +199,7 @@ def _is_plan(gap: Gap) -> bool:
     return bool(gap.before[0].shape[2] > 1)
 
 
-def _list_predictions(gap: Gap) -> list[tuple[str, tuple[FloatArray, ...], LineStyle]]:
+def _list_predictions(gap: Gap) -> list[PredictedLine]:
     """List label, paths by window and line style of the predictions."""
     before: LineStyle = {"color": BEFORE, "width": 2, "dash": "dash"}
     if not _has_added_effects(gap):
@@ -422,8 +434,8 @@ def _add_patch(figure: go.Figure, patch: LocalPatch) -> None:
             (left, top), (right, bottom) = patch.centre - patch.radius - off, patch.centre + patch.radius + off
             line = {"color": FRAME, "width": width, "dash": dash}
             figure.add_shape(type="circle", x0=left, y0=top, x1=right, y1=bottom, line=line)
-    bars = {"type": "data", "array": [patch.centre_sigma], "color": FRAME}
+    across, down = ({"type": "data", "array": [sigma], "color": FRAME} for sigma in patch.centre_sigma.tolist())
     figure.add_scatter(
-        x=patch.centre[:1], y=patch.centre[1:], error_x=bars, error_y=bars, mode="markers",
+        x=patch.centre[:1], y=patch.centre[1:], error_x=across, error_y=down, mode="markers",
         marker={"color": FRAME, "size": 5},
     ).update_layout(showlegend=False)  # fmt: skip

@@ -9,21 +9,22 @@ from models.core.rally import Rally
 from models.estimation.rally.landing_judgement import judge_landing
 from pipeline.io.strict_json import write_json
 from pipeline.reporting.pages.page_template import embed_image_file
-from pipeline.reporting.pages.run_report import SUMMARY_FILE, THUMBNAIL_PX, THUMBNAIL_QUALITY
+from pipeline.reporting.pages.run_report import SUMMARY_FILE, THUMBNAIL_PX, THUMBNAIL_QUALITY, ReportFiles
 from pipeline.reporting.text.rally_sentences import assess_rally_trust, format_landing
 from pipeline.reporting.text.text_formatting import summarize_trust
 from video.io.clip import Clip
 
 
-def write_rally_summary(clip: Clip, rally: Rally, poster: Path, folder: Path) -> None:
+def write_rally_summary(clip: Clip, rally: Rally, files: ReportFiles, folder: Path) -> None:
     """Write summary.json.
 
     Args:
-        poster: Image file of the poster.
+        files: Slow motion and poster.
         folder: An existing folder.
     """
-    thumbnail = embed_image_file(poster, THUMBNAIL_PX, THUMBNAIL_QUALITY)
-    write_json(summarize_rally(clip, rally) | {"thumbnail": thumbnail}, folder / SUMMARY_FILE)
+    thumbnail = embed_image_file(files.poster, THUMBNAIL_PX, THUMBNAIL_QUALITY)
+    summary = summarize_rally(clip, rally) | {"video": files.times, "thumbnail": thumbnail}
+    write_json(summary, folder / SUMMARY_FILE)
 
 
 def summarize_rally(clip: Clip, rally: Rally) -> dict[str, Any]:

@@ -88,6 +88,11 @@ class ReportFiles:
     start: float = 0.0
     """s of the clip at which the slow motion begins."""
 
+    @property
+    def times(self) -> dict[str, float]:
+        """When the slow motion shows what, as JSON values of summary.json."""
+        return {"start": self.start, "slow": self.slow_factor}
+
 
 @dataclass(frozen=True, slots=True)
 class QualityFlag:
@@ -174,7 +179,7 @@ def write_report(
     )
     write_text(path, html)
     thumbnail = embed_image_file(files.poster, THUMBNAIL_PX, THUMBNAIL_QUALITY)
-    summary = describe_run(clip, tracks, fit, calls, summaries) | {"thumbnail": thumbnail}
+    summary = describe_run(clip, tracks, fit, calls, summaries) | {"video": files.times, "thumbnail": thumbnail}
     write_text(path.with_name(SUMMARY_FILE), json.dumps(summary, indent=1, allow_nan=False))
 
 

@@ -21,6 +21,7 @@ from urllib.parse import quote
 from urllib.request import urlopen
 
 from models.core.errors import OptionError, TruerollError
+from pipeline.io.run_folder import find_files_below
 
 DISPLAY_VARIABLES = ("DISPLAY", "WAYLAND_DISPLAY")
 # Preferred port on which rerun receives recordings.
@@ -68,7 +69,7 @@ def find_recordings(target: Path) -> list[Path]:
     if target.is_file():
         return [target]
     own = target / "recording.rrd"
-    recordings = [own] if own.is_file() else sorted(target.rglob("recording.rrd"))
+    recordings = [own] if own.is_file() else find_files_below(target, "recording.rrd")
     if not recordings:
         raise OptionError(f"A recording was expected; {target} contains none. Run the clip first: trueroll run CLIP")
     return recordings

@@ -48,8 +48,8 @@ SAME_FACTS: dict[str, QuestionKind] = {"no-contact": "first", "wrong-ball": "fir
 NO_CONTACT: tuple[QuestionKind, ...] = ("first", "no-contact")
 # Questions in two words, of any balls; facts of the rules have their name in the rulebook.
 TOPICS: dict[QuestionKind, str] = {
-    "contact": "touched", "first": "first ball", "cushion-first": "rail before a ball", "pocket": "potted",
-    "line": "line crossed", "score": "score", "cushions": "point with cushions", "foul": "foul",
+    "contact": "touched", "rail": "rail hit", "first": "first ball", "cushion-first": "rail before a ball",
+    "pocket": "potted", "line": "line crossed", "score": "score", "cushions": "point with cushions", "foul": "foul",
 }  # fmt: skip
 # Why a pass is no contact although its gap is within the error: the contact test knows the motion after it too.
 UNCHANGED = "; the gap alone would allow a touch, but no ball changed its motion"
@@ -124,6 +124,8 @@ def format_call_question(call: CallAnswer, naming: Naming) -> str:
         return start_sentence(f"{name_rule(call, naming)}?")
     if call.kind == "contact":
         return f"Did {a} touch {naming.say(call.subject[1])}?"
+    if call.kind == "rail":
+        return f"Did {a} hit {naming.say(call.subject[1])}?"
     if call.kind == "first":
         return f"Which ball did {a} touch first?"
     if call.kind == "cushion-first":
@@ -154,7 +156,7 @@ def _format_statement(call: CallAnswer, naming: Naming, margin: str, moment: str
     )
     when = f" at {moment}" if moment and not is_timeless else ""
     if not margin or _happens(call):
-        later = call.path[1:] if call.kind == "contact" else ()
+        later = call.path[1:] if call.kind in ("contact", "rail") else ()
         again = " and ".join(format_time(one.t, one.t_sigma) for one in later)
         return "; ".join(filter(None, [text + when, margin, again and f"again at {again}"]))
     is_tight = call.kind in ("contact", "score") and is_undecided(float(ndtr(-call.margin / call.margin_sigma)))
@@ -189,6 +191,8 @@ def _format_fact(call: CallAnswer, naming: Naming) -> str:
         return f"before the strike {naming.say(call.subject[1])} {'touched' if is_yes else 'did not touch'} {a}"
     if call.kind == "contact":
         return f"{a} {'touched' if is_yes else 'missed'} {naming.say(call.subject[1])}"
+    if call.kind == "rail":
+        return f"{a} {'hit' if is_yes else 'did not hit'} {naming.say(call.subject[1])}"
     if call.kind == "first":
         nearest = "".join(f", and came nearest to {naming.say(name)}" for name in call.balls[1:])
         return f"{a} touched no ball{nearest}" if call.met == "none" else f"{a} touched {naming.say(call.met)} first"
@@ -282,7 +286,8 @@ def _format_margin(call: CallAnswer, naming: Naming) -> str:
         return ""
     if call.kind == "frozen":
         return f"{_format_mm(call.margin, call.margin_sigma)} {'of overlap' if is_yes else 'of air'} between them"
-    inside, target = "past", naming.say(call.met) if call.kind == "no-rail" else "the line"
+    targets = {"no-rail": naming.say(call.met), "rail": "it"}
+    inside, target = "past", targets.get(call.kind, "the line")
     if call.kind in ("pocket", "scratch"):
         inside, target = "inside", f"the mouth of the {naming.name_pocket(call.subject[1])}"
     return f"{_format_mm(call.margin, call.margin_sigma)} {'short of' if call.margin > 0 else inside} {target}"

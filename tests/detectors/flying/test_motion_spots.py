@@ -5,14 +5,23 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from detectors.flying.frame_windows import FrameWindow, align_window, choose_lag, neighbours_of
-from detectors.flying.motion_spots import find_spots, map_lone_change
+from detectors.flying.frame_windows import (
+    WINDOW,
+    FrameWindow,
+    align_window,
+    choose_lags,
+    find_shifts,
+    neighbours_of,
+)
+from detectors.flying.motion_spots import find_spots, find_window_spots, map_lone_change
 from detectors.flying.object_size import is_inside
 from detectors.flying.spot_network import streak_from_double_angle
 from detectors.flying.spot_patches import MIDDLE, cut_patches
+from models.core.court_camera import CourtCamera
+from models.core.scene import apply_homography
 from models.core.typing import ByteArray
 
-STILL = np.repeat(np.eye(3)[None], 5, axis=0)
+STILL = np.repeat(np.eye(3)[None], WINDOW, axis=0)
 
 
 def window_of(images: list[ByteArray]) -> FrameWindow:
@@ -20,24 +29,24 @@ def window_of(images: list[ByteArray]) -> FrameWindow:
 
 
 def test_neighbours_stay_in_their_view() -> None:
-    assert neighbours_of(5, 0, 11, 2).tolist() == [1, 3, 5, 7, 9]
-    for k in range(4, 9):
-        rows = neighbours_of(k, 4, 9, 1)
-        assert rows[2] == k
+    assert neighbours_of(6, 0, 13, (2, 5)).tolist() == [1, 2, 4, 6, 8, 10, 11]
+    for k in range(4, 12):
+        rows = neighbours_of(k, 4, 12, (1, 4))
+        assert rows[3] == k
         assert rows.min() >= 4
-        assert rows.max() <= 8
-        assert k not in rows[[1, 3]]
-        assert rows[1] != rows[3]
+        assert rows.max() <= 11
+        assert k not in rows[[0, 2, 4, 6]]
+        assert rows[2] != rows[4]
 
 
-@pytest.mark.parametrize(("fps", "lag"), [(25, 1), (30, 1), (50, 2), (60, 2), (120, 4)])
-def test_neighbours_are_about_a_thirtieth_of_a_second_apart(fps: int, lag: int) -> None:
-    assert choose_lag(np.arange(20) / fps) == lag
+@pytest.mark.parametrize(("fps", "lags"), [(25, (1, 4)), (30, (1, 5)), (50, (2, 8)), (60, (2, 10)), (120, (4, 20))])
+def test_neighbours_are_a_thirtieth_and_a_sixth_of_a_second_away(fps: int, lags: tuple[int, int]) -> None:
+    assert choose_lags(np.arange(20) / fps) == lags
 
 
 def test_a_lone_dot_is_more_distinct_than_the_edge_of_a_moving_body() -> None:
-    images = [np.full((120, 160), 60, np.uint8) for _ in range(5)]
-    for k, image in enumerate(images):
+    images = [np.full((120, 160), 60, np.uint8) for _ in range(WINDOW)]
+    for k, image in enumerate(images, start=-1):
         image[30:90, 20 + 6 * k : 50 + 6 * k] = 200
         image[40 + 9 * k : 44 + 9 * k, 100:104] = 220
     change = map_lone_change(window_of(images))
@@ -47,24 +56,48 @@ def test_a_lone_dot_is_more_distinct_than_the_edge_of_a_moving_body() -> None:
     assert change[60, 50] == 0  # The body covers the place before or after.
 
 
+def test_a_dot_that_hardly_moves_is_found_by_its_far_neighbours() -> None:
+    images = [np.full((120, 160), 60, np.uint8) for _ in range(WINDOW)]
+    for image, step, fall in zip(images, (-9, -1, 0, 0, 0, 1, 9), (14, 1, 0, 0, 0, 1, 14), strict=True):
+        image[40 + fall : 45 + fall, 100 + step : 105 + step] = 220
+    window = window_of(images)
+    assert not map_lone_change(window)[:, :50].any()
+    assert np.abs(find_window_spots(window, None)[0] - [102, 42]).max() <= 1
+
+
+def test_a_lens_moves_what_a_panning_camera_shows_by_less_at_the_corners() -> None:
+    motion = np.repeat(np.eye(3)[None], WINDOW, axis=0)
+    motion[:, 0, 2] = 20.0 * np.arange(WINDOW)
+    parameters = np.array([-12.8, 3.05, 6.9, 1.44, -1.44, 1.04, 7.4, -0.03])
+    camera = CourtCamera(parameters, np.eye(8), 1280, 720, is_left_handed=True, motion=motion)
+    seen = np.array([[640.0, 360.0], [1000.0, 650.0]])
+    moved = apply_homography(find_shifts(camera, np.arange(WINDOW), 1.0)[6], seen)
+    flat, pan = camera.undistort(seen), np.array([60.0, 0.0])
+    right = camera.distort(flat + pan)
+    assert np.abs(moved - right).max() < 0.5
+    assert np.abs(seen + pan - right).max() > 1.0
+
+
 def test_noise_alone_is_less_distinct_than_any_object_of_three_px() -> None:
     rng = np.random.default_rng(0)
-    images = [np.clip(rng.normal(100, 4, (240, 320)), 0, 255).astype(np.uint8) for _ in range(5)]
+    images = [np.clip(rng.normal(100, 4, (240, 320)), 0, 255).astype(np.uint8) for _ in range(WINDOW)]
     assert find_spots(map_lone_change(window_of(images))).distinctness.max() < np.sqrt(3)
 
 
 def test_a_neighbour_is_moved_onto_the_frame() -> None:
     rng = np.random.default_rng(0)
     wide = np.clip(rng.normal(100, 40, (130, 240)), 0, 255).astype(np.uint8)
-    images = [wide[10:110, 20 - 4 * k : 180 - 4 * k].copy() for k in range(-2, 3)]
+    steps = np.array([-16, -8, -4, 0, 4, 8, 16])
+    images = [wide[10:110, 40 - step : 200 - step].copy() for step in steps]
     shifts = STILL.copy()
-    shifts[:, 0, 2] = [-8, -4, 0, 4, 8]
+    shifts[:, 0, 2] = steps
     window = align_window(0, images, shifts)
-    assert not map_lone_change(window)[:, 8:-8].any()
+    for step in (1, 3):
+        assert not map_lone_change(window, step)[:, 20:-20].any()
     patches = cut_patches(window, np.array([[80, 50]]))
-    assert np.array_equal(patches[0, 0], patches[0, 2])
-    assert np.array_equal(patches[0, 4], patches[0, 2])
-    assert patches[0, 2, MIDDLE, MIDDLE] == images[2][50, 80]
+    for layer in range(WINDOW):
+        assert np.array_equal(patches[0, layer], patches[0, 3])
+    assert patches[0, 3, MIDDLE, MIDDLE] == images[3][50, 80]
 
 
 def test_places_outside_a_polygon_are_told_in_both_directions_of_rotation() -> None:

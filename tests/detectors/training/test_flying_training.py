@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from detectors.flying.frame_windows import MIDDLE_IMAGE
 from detectors.flying.spot_patches import LAYERS, MIDDLE, PATCH_PX
-from detectors.training.flying_samples import cut_samples, judge_spots
+from detectors.training.flying_samples import LARGEST_OFF_PX, cut_film_samples, judge_spots
 from detectors.training.flying_scenes import FRAMES, OBJECTS, draw_film
 from detectors.training.flying_training import FlyingNetwork, flying_loss, vary_samples
 
@@ -14,13 +15,13 @@ def test_a_film_shows_its_objects_where_its_truth_says() -> None:
     film = draw_film(np.random.default_rng(4))
     assert film.luma.shape[0] == FRAMES
     assert film.centre.shape == (FRAMES, OBJECTS, 2)
-    samples = cut_samples(np.random.default_rng(0), film, 10)
+    samples = cut_film_samples(np.random.default_rng(0), film)
     own = samples.truth[:, 0] > 0
     assert own.any()
     assert (~own).any()
     # The place of the greatest change about a spot of the object lies along its streak.
     for patch, truth in zip(samples.patches[own], samples.truth[own], strict=True):
-        assert np.abs(truth[1:3]).max() < MIDDLE
+        assert np.abs(truth[1:3]).max() <= LARGEST_OFF_PX
         assert patch.shape == (LAYERS, PATCH_PX, PATCH_PX)
 
 
@@ -35,11 +36,11 @@ def test_varied_samples_keep_the_truth() -> None:
     patches = np.full((64, LAYERS, PATCH_PX, PATCH_PX), 20, np.uint8)
     rows, columns = np.mgrid[:PATCH_PX, :PATCH_PX] - MIDDLE
     for share in np.linspace(-0.5, 0.5, 9):
-        patches[:, 2, np.hypot(columns - x - share * streak[0], rows - y - share * streak[1]) < 1.6] = 220
+        patches[:, MIDDLE_IMAGE, np.hypot(columns - x - share * streak[0], rows - y - share * streak[1]) < 1.6] = 220
     truth = np.tile(np.array([1, x, y, *streak], np.float32), (64, 1))
     varied, truths = vary_samples(rng, patches, truth)
     for patch, true in zip(varied, truths, strict=True):
-        weight = np.clip(patch[2] - patch[2].max() / 2, 0, None)
+        weight = np.clip(patch[MIDDLE_IMAGE] - patch[MIDDLE_IMAGE].max() / 2, 0, None)
         centre = np.array([(weight * columns).sum(), (weight * rows).sum()]) / weight.sum()
         assert np.abs(centre - true[1:3]).max() < 0.35
         off = np.stack([columns, rows], axis=-1) - centre
@@ -56,6 +57,13 @@ def test_a_spot_beside_the_object_is_neither() -> None:
     assert clear.tolist() == [True, False, True]
     own, clear = judge_spots(place, np.array([101.0, 101.0]), np.array([4.0, 0.0]), 0.0)
     assert not own.any()
+    assert clear.all()
+
+
+def test_an_end_of_a_long_streak_shows_its_middle_only_within_the_patch() -> None:
+    place = np.array([[100, 100], [120, 100], [140, 100]])
+    own, clear = judge_spots(place, np.array([100.0, 100.0]), np.array([90.0, 0.0]), 1.0)
+    assert own.tolist() == [True, True, False]
     assert clear.all()
 
 

@@ -25,7 +25,7 @@ def test_a_linearised_fit_leaves_out_generic_laws_alone() -> None:
     places = np.stack([1.2 * t - 0.6 * t**2, 0.3 * t], axis=1)[:, None]
     shot = Recording(0, np.arange(20), t, ("body",), places, np.full((20, 1), 1e-3), PLANE)
     information = linearize_fit(problem, fit_effects(problem, (shot,))).shot_information.information[0]
-    generic = problem.mask((*problem.probes, *problem.places))
+    generic = problem.mask(problem.probes)
     assert generic.any()
     assert not information[generic].any()
     assert (np.diag(information)[~generic] > 0).all()

@@ -75,6 +75,17 @@ def test_balls_far_apart_did_not_touch_and_the_margin_is_their_gap(
     assert (unknown["answer"], unknown["probability"]) == ("unknown", pytest.approx(1 - none["probability"]))
 
 
+def test_a_rail_that_was_not_hit_is_as_far_as_the_ball_stayed(trueroll: Terminal, folder: Path, tmp_path: Path) -> None:
+    answer = json.loads(trueroll("call", folder, "rail", "white", "right", "--json", "-o", tmp_path).out)
+    end = 0.2 + shot.SPEED * (shot.FRAMES - 1) / shot.RATE
+    assert (answer["verdict"], answer["asked"]) == ("no", "Did the white hit the right short cushion?")
+    assert answer["margin_mm"] == pytest.approx(1e3 * (2.0 - end - 0.03), abs=2.0)
+    text = trueroll("call", folder, "rail", "white", "right", "-o", tmp_path).out
+    assert "the white did not hit the right short cushion; 100" in text
+    assert "mm short of it at " in text
+    assert "When the clip ends, the white still moves: what comes later is not judged." in text
+
+
 def test_close_ups_show_the_moment_if_the_clip_is_known(trueroll: Terminal, folder: Path, tmp_path: Path) -> None:
     question = ("call", folder, "line", "x=0.635", "white", "--json", "-o", tmp_path)
     without = json.loads(trueroll(*question).out)
@@ -96,7 +107,8 @@ def test_close_ups_show_the_moment_if_the_clip_is_known(trueroll: Terminal, fold
     ("words", "wanted"),
     [
         (("contact", "white", "blue"), "no ball of this clip is 'blue'"), (("contact", "white", "white"), "twice"),
-        (("contact", "white"), "contact needs two balls"),
+        (("contact", "white"), "contact needs two balls"), (("rail", "white"), "rail needs a ball and a rail"),
+        (("rail", "white", "red"), "a rail is one of left short cushion (left)"),
         (("contact", "white", "near"), "'near' is a cushion, not a ball"),
         (("touch", "white"), "contact A B"), (("line", "z=1", "white"), "in metres"),
         (("pocket", "white", "top"), "no pockets"), (("first", "white", "--edge"), "--edge belongs to line"),

@@ -102,6 +102,18 @@ def test_one_shot_leaves_none_to_check_an_effect_on(trueroll: Terminal, tmp_path
     assert json.loads((tmp_path / "gap" / "gap.json").read_text())["verdict"] == "undecidable"
 
 
+@pytest.mark.parametrize("option", [("--scene", "slide"), ("--fps", "100"), ("--px-per-m", "300")])
+def test_options_of_tracks_are_refused_beside_a_simulator_of_joints_and_nothing_is_left(
+    trueroll: Terminal, tmp_path: Path, option: tuple[str, str]
+) -> None:
+    (tmp_path / "real.csv").write_text("t,q\n0,0\n")
+    done = trueroll("diagnose", tmp_path / "real.csv", "--simulator", "model:step", *option, "-o", tmp_path / "gap")
+    assert done.status == 2
+    assert "leave them out" in done.err
+    assert len(done.err.strip().splitlines()) == 1
+    assert not (tmp_path / "gap").exists()
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

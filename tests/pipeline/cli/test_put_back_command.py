@@ -113,10 +113,10 @@ def test_it_writes_where_the_balls_lay_before_the_strike(trueroll: Terminal, fol
 
 def test_the_frame_before_a_strike_does_not_show_it(folder: Path) -> None:
     record = read_shot_record(folder)
-    assert locate_wanted_places(record, folder, None, None).frame == 4
+    assert locate_wanted_places(record, None).frame == 4
     late = replace(record, events=replace(record.events, t=record.events.t + 1.4 / RATE))
-    assert locate_wanted_places(late, folder, None, None).frame == 5, "frame 6 is nearer, and shows the moved ball"
-    assert locate_wanted_places(late, folder, 5.8 / RATE, None).frame == 6
+    assert locate_wanted_places(late, None).frame == 5, "frame 6 is nearer, and shows the moved ball"
+    assert locate_wanted_places(late, 5.8 / RATE).frame == 6
 
 
 def test_distances_have_the_digits_of_their_errors_along_both_axes(

@@ -5,11 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from support.edit_servers import SHOWN_TABLES, ask, serve_synthetic_run, wait_for_result
+from support.edit_sessions import SHOWN_TABLES, open_synthetic_session, wait_for_result
 
 from models.core.corrections import Corrections
-from pipeline.chain import STAGE_FILES, write_source
-from pipeline.io.corrections_file import CorrectionsFile, read_corrections, write_corrections
+from pipeline.chain import write_source
+from pipeline.io.corrections_file import (
+    SCHEMA,
+    CorrectionsFile,
+    parse_corrections,
+    read_corrections,
+    write_corrections,
+)
+from pipeline.io.run_folder import STAGE_FILES
 from pipeline.run_options import RunOptions, build_options
 
 WRONG = {"corners": "10,10,200,30,220,120,20,118", "table": "pool-8ft", "ball_radius": 0.02, "fps": "25"}
@@ -25,24 +32,24 @@ def read_settings(options: RunOptions) -> dict[str, object]:
 @pytest.mark.parametrize("name", WRONG)
 def test_a_correction_beats_the_option_that_the_editor_started_with(name: str, tmp_path: Path) -> None:
     runs: list[tuple[RunOptions, bool]] = []
-    with serve_synthetic_run(tmp_path, build_options({name: WRONG[name]}), runs) as server:
-        start = ask(server, "GET", "state")[1]
-        ask(server, "PUT", "corrections", {**start["corrections"], name: RIGHT[name]}, If_Match='"0"')
-        wait_for_result(server)
+    with open_synthetic_session(tmp_path, build_options({name: WRONG[name]}), runs) as session:
+        start = session.describe()["corrections"]
+        session.change(parse_corrections({"schema": SCHEMA, **start, name: RIGHT[name]}).corrections, 0)
+        wait_for_result(session)
     expected = "20,20,220,20,220,120,20,120" if name == "corners" else RIGHT[name]
     assert [read_settings(one)[name] for one, _ in runs] == [WRONG[name], expected]
 
 
 def test_options_are_what_the_corrections_start_from(tmp_path: Path) -> None:
     runs: list[tuple[RunOptions, bool]] = []
-    with serve_synthetic_run(tmp_path, build_options(WRONG), runs) as server:
-        start = ask(server, "GET", "state")[1]["corrections"]
+    with open_synthetic_session(tmp_path, build_options(WRONG), runs) as session:
+        start = session.describe()["corrections"]
         assert start["corners"] == [[10, 10], [200, 30], [220, 120], [20, 118]]
         assert not (tmp_path / "shot.mp4.corrections.json").exists()
-        ask(server, "PUT", "corrections", {"fps": "25"}, If_Match='"0"')  # the others were removed
-        wait_for_result(server)
-        ask(server, "POST", "undo", If_Match='"1"')
-        wait_for_result(server)
+        session.change(Corrections(fps="25"), 0)  # the others were removed
+        wait_for_result(session)
+        session.step(1, forward=False)
+        wait_for_result(session)
     without = dict.fromkeys(WRONG) | {"fps": "25"}
     assert [read_settings(one) for one, _ in runs] == [WRONG, without, WRONG]
     assert read_corrections(tmp_path / "shot.mp4").corrections.table == "pool-8ft"
@@ -51,8 +58,8 @@ def test_options_are_what_the_corrections_start_from(tmp_path: Path) -> None:
 def test_corrections_that_are_there_beat_the_options_of_the_editor(tmp_path: Path) -> None:
     runs: list[tuple[RunOptions, bool]] = []
     write_corrections(tmp_path / "shot.mp4", CorrectionsFile(1, "", Corrections(table="pool-9ft")))
-    with serve_synthetic_run(tmp_path, build_options({"table": "pool-8ft", "fps": "25"}), runs) as server:
-        assert ask(server, "GET", "state")[1]["corrections"] == {"table": "pool-9ft", "fps": "25"}
+    with open_synthetic_session(tmp_path, build_options({"table": "pool-8ft", "fps": "25"}), runs) as session:
+        assert session.describe()["corrections"] == {"table": "pool-9ft", "fps": "25"}
     assert read_settings(runs[0][0]) == dict.fromkeys(WRONG) | {"table": "pool-9ft", "fps": "25"}
 
 
@@ -69,23 +76,23 @@ def test_a_start_with_other_events_says_so_and_writes_nothing(tmp_path: Path) ->
     runs: list[tuple[RunOptions, bool]] = []
     folder = make_run_folder(tmp_path / "out", "")
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
-    with serve_synthetic_run(tmp_path, runs=runs) as server:
-        state = ask(server, "GET", "state")[1]
+    with open_synthetic_session(tmp_path, runs=runs) as session:
+        state = session.describe()
         assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
         assert state["notice"].startswith(
             f"These events differ from those in {folder}: its options, its corrections or"
         )
-        assert ask(server, "GET", "status")[1]["outputs"] == "older"
-        ask(server, "PUT", "corrections", {"fps": "25"}, If_Match='"0"')
-        assert wait_for_result(server)["notice"] == ""
+        assert session.status.outputs == "older"
+        session.change(Corrections(fps="25"), 0)
+        assert wait_for_result(session)["notice"] == ""
     assert [publishes for _, publishes in runs] == [False, True]
 
 
 @pytest.mark.parametrize(("report_tables", "outputs"), [(SHOWN_TABLES, "current"), ("cd" * 32, "older")])
 def test_whether_the_report_is_older_follows_from_the_folder(report_tables: str, outputs: str, tmp_path: Path) -> None:
     folder = make_run_folder(tmp_path / "out", report_tables)
-    with serve_synthetic_run(tmp_path) as server:
-        assert ask(server, "GET", "status")[1]["outputs"] == outputs
+    with open_synthetic_session(tmp_path) as session:
+        assert session.status.outputs == outputs
     (folder / "report.html").unlink()
-    with serve_synthetic_run(tmp_path) as server:
-        assert ask(server, "GET", "status")[1]["outputs"] == "missing"
+    with open_synthetic_session(tmp_path) as session:
+        assert session.status.outputs == "missing"

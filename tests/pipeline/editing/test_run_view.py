@@ -18,7 +18,7 @@ def run(tmp_path: Path) -> ClipRun:
     clip = shot.write_clip(tmp_path / "shot.mp4")
     scene = shot.make_scene()
     tracks = shot.make_tracks(clip, scene)
-    return rename(ClipRun(clip, scene, tracks, shot.make_fit(tracks.t)))
+    return rename(ClipRun(float(clip.fps), scene, tracks, shot.make_fit(tracks.t)))
 
 
 def rename(run: ClipRun, **names: str) -> ClipRun:

@@ -108,7 +108,7 @@ def test_every_font_template_and_network_counts_for_a_stage() -> None:
     packages = ("pipeline", "detectors", "video", "models")
     kinds = (".ttf", ".html", ".css", ".js", ".onnx")
     data = {str(p.relative_to(ROOT)) for package in packages for p in (ROOT / package).rglob("*") if p.suffix in kinds}
-    data = {name for name in data if not name.startswith("pipeline/editing/page/")}  # shown by no stage
+    data = {name for name in data if not name.startswith("pipeline/app/page/")}  # shown by no stage
     assert data
     assert data <= counted
 

@@ -29,6 +29,8 @@ from diagnosis.verdicts.verdict import (
 from models.core.recording import Recording
 from models.core.scene import Table
 from models.physics.billiards.tables import TABLE_PRESETS
+from pipeline.io.simulators.function_simulator import FunctionSimulator
+from pipeline.io.simulators.mechanism_recordings import MechanismShots
 from pipeline.reporting.pages.gap_page import build_gap_figures, build_law_figure, write_gap_page
 from pipeline.reporting.text.gap_sentences import (
     format_agreement,
@@ -325,7 +327,7 @@ def test_the_first_sentence_states_a_rest_of_many_times_the_noise() -> None:
 
 def test_what_remains_is_stated_with_its_size_its_place_and_its_law() -> None:
     law = ForceLaw("along", "speed", np.ones(3), np.ones(3), np.ones(3), np.ones((2, 3)), "a = -0.3 u^1.50", 0.61)
-    patch = LocalPatch(np.array([1.2, 0.4]), 0.02, 0.15, 0.01, -0.12, 0.02, 0.0025)
+    patch = LocalPatch(np.array([1.2, 0.4]), np.array([0.02, 0.03]), 0.15, 0.01, -0.12, 0.02, 0.0025)
     first, second, third = format_unexplained(named(replace(REST, law=law, patch=patch)))
     assert first.startswith(
         "0.4 % of the gap (in squared errors) remains: the rms error goes from 33.4 mrad to 2.3 mrad"
@@ -341,7 +343,7 @@ def test_what_remains_is_stated_with_its_size_its_place_and_its_law() -> None:
 def test_an_unknown_effect_is_compared_with_the_best_of_the_library() -> None:
     diagnosis = replace(report("unknown"), per_effect=(EffectShare("air_drag", 0.31, (0.2, 0.4), 0.31),))
     assert "the best that it knows, air drag, would close 31 % of it" in format_verdict(diagnosis)
-    patch = LocalPatch(np.array([1.2, 0.4]), 0.02, 0.15, 0.01, -0.12, 0.02, 0.0025)
+    patch = LocalPatch(np.array([1.2, 0.4]), np.array([0.02, 0.03]), 0.15, 0.01, -0.12, 0.02, 0.0025)
     placed = format_verdict(replace(diagnosis, unexplained=replace(REST, patch=patch)))
     assert "does not know: within 150 ± 10 mm of (1.20, 0.40) m, bodies are slowed" in placed
 
@@ -483,6 +485,22 @@ def test_maps_before_and_after_have_the_same_colours_and_large_errors_on_top() -
     assert list(before.color) == sorted(before.color)
     assert max(after.color) < 0.2 * max(before.color)
     assert maps[0].layout.xaxis.title.text == "x (m)"
+
+
+def test_the_first_panel_states_what_is_wrong_in_the_file_and_the_last_notes_how_a_log_was_read(tmp_path: Path) -> None:
+    shots = MechanismShots(FunctionSimulator("math", "cos", (), (), 0.01), (), {}, ("q is elbow",), {})
+    diagnosis = replace(
+        report("none"),
+        scene="mechanism",
+        forms=(),
+        notes=("your damping is 0.6, the recordings say 0.31", "q is elbow"),
+    )
+    write_gap_page(diagnosis, "arm", tmp_path / "gap.html", shots=shots)
+    html = (tmp_path / "gap.html").read_text(encoding="utf-8")
+    panel = html[html.index('class="panel large"') : html.index("What was not decided")]
+    assert "Your damping is 0.6, the recordings say 0.31." in panel
+    assert "q is elbow" not in panel
+    assert "Notes: q is elbow." in html
 
 
 def test_the_page_of_a_robots_log_speaks_of_runs_and_rows(tmp_path: Path) -> None:

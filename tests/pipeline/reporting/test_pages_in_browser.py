@@ -48,7 +48,7 @@ desk_only = pytest.mark.parametrize("browser", WIDTHS[:1], indirect=True)
 REST = Unexplained(
     0.01, 0.001, 4.0, (GapLocation("slide", 1.0, None, None, None, None, "speed"),), "along the motion everywhere",
     ForceLaw("along", "speed", np.arange(3.0), np.arange(3.0), np.ones(3), np.ones((2, 3)), "a = 1 u^1.00", 0.6),
-    LocalPatch(np.array([0.2, 0.1]), 0.01, 0.1, 0.01, -0.2, 0.02, 0.0025),
+    LocalPatch(np.array([0.2, 0.1]), np.array([0.01, 0.01]), 0.1, 0.01, -0.2, 0.02, 0.0025),
 )  # fmt: skip
 
 

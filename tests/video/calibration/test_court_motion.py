@@ -10,10 +10,11 @@ import pytest
 from support.drawn_courts import LOOKS, aim_camera, draw_court
 from support.table_images import write_clip
 
-from models.core.court_camera import CourtCamera
+from models.core.court_camera import CourtCamera, CourtScene
 from models.core.progress import ignore_progress
-from models.core.typing import ImageArray
+from models.core.typing import ByteArray, ImageArray
 from models.sports.sport_catalogue import find_sports
+from video.calibration import court_motion
 from video.calibration.court_finder import locate_court
 from video.calibration.court_motion import turn_camera
 from video.io.clip import open_clip
@@ -49,6 +50,41 @@ def test_a_camera_that_stands_has_no_motion(tmp_path: Path) -> None:
     _, images = draw_pan(6, 0.0, 0.0)
     scene = locate_court(open_clip(write_clip(tmp_path / "still.mp4", images)), "table-tennis", None, ignore_progress)
     assert scene.camera.motion is None
+
+
+@pytest.mark.slow
+def test_a_camera_that_moves_only_at_the_end_of_a_clip_moves(tmp_path: Path) -> None:
+    _, (still, *panned) = draw_pan(3, 0.006, 0.0)
+    clip = open_clip(write_clip(tmp_path / "late.mp4", [still] * 38 + panned))
+    scene = locate_court(clip, "table-tennis", None, ignore_progress)
+    assert scene.camera.motion is not None
+
+
+def test_a_camera_is_followed_back_from_a_late_reference_without_holding_all_frames(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(court_motion, "BACKWARD_FRAMES", 2)
+    cameras, images = draw_pan(6, 0.004, 0.0)
+    greys = [np.asarray(image[..., 1]) for image in images]
+    asked: list[tuple[int, int]] = []
+
+    def read_images(first: int, stop: int) -> list[tuple[int, ByteArray]]:
+        asked.append((first, stop))
+        return [(k, greys[k]) for k in range(first, stop)]
+
+    turns, is_measured, _ = court_motion.estimate_court_motion(SPORT, cameras[5], 5, read_images, 6)
+    assert is_measured.all()
+    assert np.abs(turns[:, 1] - 0.004 * (np.arange(6) - 5)).max() < 0.0015
+    assert [one for one in asked if one[0] < 5] == [(3, 5), (1, 3), (0, 1)]
+
+
+def test_the_camera_of_a_scene_names_the_ends_of_its_court() -> None:
+    tennis = find_sports()["tennis"]
+    beside = aim_camera((12, -15, 6), (12, 5, 0), 900, is_left_handed=False)
+    behind = aim_camera((-12, 5, 6), (12, 5, 0), 900, is_left_handed=True)
+    assert CourtScene(tennis, beside, 0.3).sport.halves == ("left", "right")
+    assert CourtScene(tennis, behind, 0.3).sport.halves == ("near", "far")
+    assert CourtScene(SPORT, behind, 0.3).sport.halves == ("near", "far")
 
 
 def test_turning_a_camera_keeps_its_place() -> None:

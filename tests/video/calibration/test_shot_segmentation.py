@@ -116,11 +116,12 @@ def test_a_subclip_contains_exactly_its_frames_of_the_recording(tmp_path: Path, 
         assert np.array_equal(part.t, clip.t[first:stop])
 
 
-def test_a_subclip_of_a_subclip_is_refused(recording: Clip) -> None:
-    with pytest.raises(ValueError, match="no part"):
-        recording.extract_subclip(0, 10).extract_subclip(0, 5)
-    with pytest.raises(ValueError, match="no part"):
-        recording.extract_subclip(5, 5)
+def test_a_part_of_a_part_keeps_its_numbers_and_lies_within_it(recording: Clip) -> None:
+    part = recording.extract_subclip(2, 10).extract_subclip(4, 7)
+    assert (part.frames.tolist(), part.t.tolist()) == ([4, 5, 6], recording.t[4:7].tolist())
+    for first, stop in ((0, 5), (5, 11), (5, 5)):
+        with pytest.raises(ValueError, match="no part"):
+            recording.extract_subclip(2, 10).extract_subclip(first, stop)
 
 
 def test_motion_intervals_are_separated_by_stillness_and_never_overlap() -> None:

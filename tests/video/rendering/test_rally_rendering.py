@@ -39,12 +39,13 @@ def make_rally(sport: str) -> RallyPath:
 
 def find_sprite(renderer: court_renderer.CourtRenderer, k: int) -> tuple[court_renderer.FrameTruth, FloatArray]:
     """Return the truth of a frame, and the centroid (2,) of what is drawn of the object."""
-    (px, streak, _), layer = renderer._draw_object(k)
+    (px, streak, radius), layer = renderer._draw_object(renderer._rally, k)
     assert layer is not None
     share = layer.rgba[..., 3].astype(np.float64)
     y, x = np.mgrid[: share.shape[0], : share.shape[1]]
     centre = np.array([layer.x + (x * share).sum() / share.sum(), layer.y + (y * share).sum() / share.sum()])
-    return court_renderer.FrameTruth(px, streak, 0.0, 1.0, 0.0, np.empty((0, 4))), centre
+    columns = (px[None], streak[None], np.array([radius]), np.ones(1), np.zeros(1))
+    return court_renderer.FrameTruth(*columns, np.empty((0, 4))), centre
 
 
 @pytest.mark.parametrize("sport", ["badminton", "tennis", "table-tennis"])
@@ -59,9 +60,10 @@ def test_the_streak_lies_where_the_truth_says(sport: str, is_moving: bool) -> No
     renderer = court_renderer.CourtRenderer(rng, rally, camera, look, "broadcast", t)
     for k in range(len(t)):
         truth, centre = find_sprite(renderer, k)
+        assert truth.px.shape == (1, 2)
         frame = k if is_moving else None
-        assert np.allclose(truth.px, camera.to_pixels(rally.place_at(t[k])[0], frame), atol=1e-6)
-        assert np.linalg.norm(centre - truth.px) < 0.3
+        assert np.allclose(truth.px[0], camera.to_pixels(rally.place_at(t[k])[0], frame), atol=1e-6)
+        assert np.linalg.norm(centre - truth.px[0]) < 0.3
 
 
 def test_frames_are_the_same_by_seed() -> None:
@@ -89,7 +91,7 @@ def test_an_object_behind_a_player_is_hidden() -> None:
         renderer = court_renderer.CourtRenderer(
             np.random.default_rng(1), one, camera, replace(look, outfits=(tall, look.outfits[1])), "broadcast", t
         )
-        assert (renderer.render_frame(0)[1].shown > 0.5) == expected
+        assert (renderer.render_frame(0)[1].shown[0] > 0.5) == expected
 
 
 def test_painted_lines_cover_their_width() -> None:
@@ -131,10 +133,16 @@ def test_a_player_beside_or_behind_the_camera_is_no_trouble() -> None:
 
 
 def test_training_clips_are_decoded_frames_with_their_truth() -> None:
-    clip = next(rally_clips.generate_rally_clips(np.random.default_rng(8), [make_rally("tennis")], frames=8, size=SIZE))
+    rallies = [make_rally("tennis")]
+    clip = next(rally_clips.generate_rally_clips(np.random.default_rng(8), rallies, seconds=0.3, size=SIZE, others=2))
     truth = clip.truth
-    assert clip.frames.shape == (8, SIZE[1], SIZE[0], 3)
-    assert truth.px.shape == truth.streak.shape == (8, 2)
+    count = int(0.3 * truth.fps + 1e-6)
+    assert clip.frames.shape == (count, SIZE[1], SIZE[0], 3)
+    assert truth.px.shape == truth.streak.shape == (count, 2)
+    # The others fly at another moment of the rally, and are in the picture too.
+    assert truth.others.shape == (count, 2, 6)
+    assert np.nanmin(np.linalg.norm(truth.others[:, :, :2] - truth.px[:, None], axis=-1)) > 1.0
+    assert (truth.others[..., 4] > 0.5).any()
     assert np.all(np.diff(truth.t) > 0)
     assert truth.is_visible.dtype == bool
     assert clip.frames.std() > 5

@@ -19,14 +19,12 @@ from models.estimation.gap_scenes.sliding_scene import build_sliding_scene
 WALLS = ((-0.2, 0.3), (-0.25, 0.4))
 BRAKE = [0.2, 0.1, 0.05, 0.01]
 """Parameters of the probe, the last ones in every scene."""
-PATCH = [0.2, 0.3, -0.1, 0.15, 0.05]
-"""mu, x, y, radius and border of a patch on the path."""
 SCENES = {
     "slide between walls": (
-        build_sliding_scene((), WALLS), 2, [0.1, -0.2, 1.2, 0.7], [0.1, 0.2, 0.1, 3.0, -2.0, 0.7, 0.1, *PATCH],
+        build_sliding_scene((), WALLS), 2, [0.1, -0.2, 1.2, 0.7], [0.1, 0.2, 0.1, 3.0, -2.0, 0.7, 0.1],
     ),
     "slide on a spring": (
-        build_sliding_scene(), 2, [0.1, -0.2, 1.2, 0.7], [0.1, 0.2, 0.1, 3.0, -2.0, 9.0, 0.9, -1.8, *PATCH],
+        build_sliding_scene(), 2, [0.1, -0.2, 1.2, 0.7], [0.1, 0.2, 0.1, 3.0, -2.0, 9.0, 0.9, -1.8],
     ),
     "flight": (build_flight_scene(2), 2, [0.0, 1.0, 8.0, 6.0], [0.1, 0.2, 0.3, 1.0]),
     "flight with a spin axis": (

@@ -150,7 +150,7 @@ def test_the_error_of_the_height_is_that_of_simulated_flights() -> None:
     (flight,) = rally.flights
     heights = []
     for _ in range(400):
-        drawn = flight.parameters + np.sqrt(np.diag(flight.covariance)) * rng.standard_normal(11)
+        drawn = flight.parameters + np.sqrt(np.diag(flight.covariance)) * rng.standard_normal(len(flight.parameters))
         tau = np.linspace(0, flight.end - flight.start, 400)
         states = fly(drawn, tau, 0.0).states
         heights.append(np.interp(TENNIS.length / 2, states[:, 0], states[:, 2]))

@@ -45,6 +45,39 @@ def test_columns_are_found_by_name_or_by_order(tmp_path: Path, simulator: str, h
     assert any("q" in note for note in shots.notes) == ("hinge" not in header.lower())
 
 
+@pytest.mark.parametrize(("name", "order"), [("command", [2.0, 1.0]), ("ctrl", [1.0, 2.0])])
+def test_numbered_commands_are_of_the_joints_of_the_same_number(tmp_path: Path, name: str, order: list[float]):
+    pytest.importorskip("mujoco", reason="mujoco is an extra")
+    body = PENDULUM.split("<worldbody>")[1].split("</worldbody>")[0]
+    motors = '<motor name="b" joint="other"/><motor name="a" joint="hinge"/>'
+    bodies = body + body.replace("hinge", "other", 1)
+    model = f"<mujoco><worldbody>{bodies}</worldbody><actuator>{motors}</actuator></mujoco>"
+    (tmp_path / "two.xml").write_text(model)
+    rows = [[*row[:2], 0.0, 1.0, 2.0] for row in swing_rows()]
+    shots = read_mechanism_shots(write(tmp_path, f"t,q0,q1,{name}0,{name}1", rows), str(tmp_path / "two.xml"))
+    assert shots.simulator.inputs == ("b", "a")
+    assert shots.histories[0].values[0].tolist() == order, "in the order of the simulator"
+
+
+@pytest.mark.parametrize(
+    ("position", "command"),
+    [("shoulder_pos", "shoulder_cmd"), ("shoulder", "shoulder_target_position"), ("q_shoulder_actual", "ref_shoulder")],
+)
+def test_columns_with_other_words_beside_the_name_of_a_joint_are_found_and_named_in_notes(
+    tmp_path: Path, simulator: str, position: str, command: str
+):
+    (tmp_path / "arm.xml").write_text(PENDULUM.replace("hinge", "shoulder_joint").replace('type="shoulder_joint"', ""))
+    rows = [[1, *row[:2], 9.0, 0.05] for row in swing_rows()]
+    shots = read_mechanism_shots(write(tmp_path, f"run,t,{position},shoulder_vel,{command}", rows), simulator)
+    assert shots.recordings[0].bodies == ("shoulder_joint",)
+    np.testing.assert_allclose(shots.recordings[0].positions[:, 0, 0], [row[1] for row in swing_rows()])
+    np.testing.assert_allclose(shots.histories[0].values, 0.05)
+    notes = " ".join(shots.notes)
+    assert f"{position} is shoulder_joint" in notes
+    assert f"the input servo is {command}" in notes
+    assert "not used: shoulder_vel" in notes
+
+
 def test_degrees_are_converted_where_the_header_states_them(tmp_path: Path, simulator: str):
     rows = [[row[0], 90.0, 0.0] for row in swing_rows()]
     shots = read_mechanism_shots(write(tmp_path, "t,hinge (deg),servo", rows), simulator)
@@ -85,6 +118,36 @@ def test_degrees_that_nobody_states_are_refused_where_the_joint_has_stops(tmp_pa
     assert "hinge (deg)" in refuse(write(tmp_path, "t,hinge,servo", rows), simulator)
 
 
+def test_degrees_of_a_joint_without_stops_are_doubted_in_a_note(tmp_path: Path, simulator: str):
+    (tmp_path / "free.xml").write_text(PENDULUM.replace('range="-2 2" limited="true"', ""))
+    rows = [[row[0], 40.0, 0.0] for row in swing_rows()]
+    doubt = "name the column hinge (deg)"
+    for header, is_doubted in (("t,hinge,servo", True), ("t,hinge (deg),servo", False)):
+        shots = read_mechanism_shots(write(tmp_path, header, rows), str(tmp_path / "free.xml"))
+        assert any(doubt in note for note in shots.notes) == is_doubted
+
+
+@pytest.mark.parametrize("header", ["t,hinge,servo", "t,hinge (deg),servo", "t,q,u"])
+@pytest.mark.parametrize("column", [1, 2])
+def test_a_text_among_positions_or_inputs_is_refused_with_its_column(
+    tmp_path: Path, simulator: str, header: str, column: int
+):
+    rows = swing_rows()
+    rows[5][column] = "broken"
+    message = refuse(write(tmp_path, header, rows), simulator)
+    assert header.split(",")[column].replace(" ", "_") in message
+    assert "no numbers" in message
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [swing_rows(1), swing_rows(15), *([[row[0], value, 0.0] for row in swing_rows()] for value in ("nan", "inf", ""))],
+)
+def test_a_joint_that_was_hardly_observed_is_refused(tmp_path: Path, simulator: str, rows: list[list[float | str]]):
+    assert "too few" in refuse(write(tmp_path, "t,hinge,servo", rows), simulator)
+    read_mechanism_shots(write(tmp_path, "t,hinge,servo", swing_rows(16)), simulator)
+
+
 def test_time_that_goes_back_is_refused_with_its_place(tmp_path: Path, simulator: str):
     rows = swing_rows()
     rows[7], rows[8] = rows[8], rows[7]
@@ -93,9 +156,11 @@ def test_time_that_goes_back_is_refused_with_its_place(tmp_path: Path, simulator
 
 def test_a_malformed_file_of_a_simulator_is_refused(tmp_path: Path, simulator: str):
     (tmp_path / "bad.xml").write_text("<mujoco><worldbody><body></mujoco>")
+    (tmp_path / "stopped.xml").write_text(PENDULUM.replace("0.002", "0"))
     (tmp_path / "still.xml").write_text("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>")
     paths = write(tmp_path, "t,hinge,servo", swing_rows())
     assert "MuJoCo cannot read" in refuse(paths, str(tmp_path / "bad.xml"))
+    assert "time step of 0 s" in refuse(paths, str(tmp_path / "stopped.xml"))
     assert "no joint" in refuse(paths, str(tmp_path / "still.xml"))
     assert "there is no" in refuse(paths, str(tmp_path / "none.xml"))
     assert "--simulator takes" in refuse(paths, "pybullet")
@@ -103,7 +168,13 @@ def test_a_malformed_file_of_a_simulator_is_refused(tmp_path: Path, simulator: s
 
 @pytest.mark.parametrize(
     ("body", "part"),
-    [("return state[:1]", "2 numbers"), ("raise KeyError('k')", "failed"), (GOOD, "")],
+    [
+        ("return state[:1]", "2 numbers"),
+        ("raise KeyError('two\\nlines')", "KeyError: 'two"),
+        ("exit(3)", "Exit: 3"),
+        ("return np.nan * state", "it went to [nan nan]"),
+        (GOOD, ""),
+    ],
 )
 def test_a_function_is_tried_before_it_is_used(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, body: str, part: str, request: pytest.FixtureRequest
@@ -118,6 +189,23 @@ def test_a_function_is_tried_before_it_is_used(
     else:
         assert read_mechanism_shots(paths, f"{module}:swing").recordings[0].bodies == ("q",)
     assert "cannot be imported" in refuse(paths, f"{module}:nothing")
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        ("raise SystemExit('bye')", "SystemExit: bye"), ("1 / 0", "ZeroDivisionError"), ("def step(:", "SyntaxError"),
+        ("step = 3", "is a int"), ("def step(s, i, dt): return s\nstep.coordinates = 3", "coordinates is a tuple"),
+        ("def step(s, i, dt): return s\nstep.time_step = float('inf')", "time_step is a number"),
+    ],
+)  # fmt: skip
+def test_a_module_that_cannot_be_used_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, part: str, request: pytest.FixtureRequest
+):
+    module = f"unusable_{request.node.callspec.indices['text']}"
+    (tmp_path / f"{module}.py").write_text(text)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert part in refuse(write(tmp_path, "t,q,u", swing_rows()), f"{module}:step")
 
 
 def test_a_recorded_simulation_is_read_as_a_simulator(tmp_path: Path):

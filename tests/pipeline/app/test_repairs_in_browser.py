@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,17 +14,17 @@ from selenium import webdriver
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import Select
+from support.app_servers import serve_app, wait_for_corrections
 from support.browser import console_messages, open_chromium, wait_on
-from support.edit_servers import serve, wait_for_result
 from support.planted_mistakes import (
     FALSE_PLACE,
     LOST_FRAME,
     MISTAKES,
     ONE_CORNER,
-    OPTIONS,
     SPLIT_FRAME,
     CleanRun,
     Mistake,
+    SilentWatcher,
     list_differences,
     plant,
     point_of,
@@ -32,8 +33,11 @@ from support.planted_mistakes import (
 )
 
 from models.core.typing import FloatArray
-from pipeline.editing.edit_server import EditServer
+from pipeline.app.app_server import AppServer
+from pipeline.chain import run_tables
 from pipeline.editing.run_view import ClipRun
+from pipeline.engine.result_cache import ResultCache
+from pipeline.io.corrections_file import read_corrections
 from pipeline.run_options import build_options
 
 pytestmark = pytest.mark.slow
@@ -44,7 +48,8 @@ class Editor:
     """The page, and how often it was clicked or a key was pressed."""
 
     browser: webdriver.Chrome
-    server: EditServer
+    server: AppServer
+    shot: str
     count: int = 0
 
     def show(self, frame: int) -> None:
@@ -83,7 +88,7 @@ class Editor:
     def choose(self, name: str, value: str) -> None:
         """Choose from a list: one click opens it, another one selects."""
         self.count += 2
-        Select(self.browser.find_element(By.ID, name)).select_by_value(value)
+        Select(self.browser.find_element(By.ID, name)).select_by_visible_text(value)
 
     def _offset(self, px: FloatArray) -> FloatArray:
         width, height = self.browser.execute_script(
@@ -134,7 +139,7 @@ def _reject_contact(editor: Editor, truth: ClipRun) -> None:
 
 
 def _join_tracks(editor: Editor, truth: ClipRun) -> None:
-    state = wait_for_result(editor.server)
+    state = wait_for_corrections(editor.server, editor.shot)
     (later,) = [ball["name"] for ball in state["run"]["balls"] if ball["path"][0][0] >= SPLIT_FRAME - 1]
     editor.show(SPLIT_FRAME - 5)
     editor.click_at(point_of(truth, "cue", SPLIT_FRAME - 5))
@@ -150,11 +155,11 @@ def _cut_track(editor: Editor, truth: ClipRun) -> None:
 
 def _set_class(editor: Editor, truth: ClipRun) -> None:
     editor.click_at(point_of(truth, "cue", 0))
-    editor.click("#selection [data-focus=class-cue]")
+    editor.click("#selection [data-class=cue]")
 
 
 def _drag_corner(editor: Editor, truth: ClipRun) -> None:
-    state = wait_for_result(editor.server)
+    state = wait_for_corrections(editor.server, editor.shot)
     editor.drag(np.array(state["run"]["corners"][0]), truth.scene.camera.corners_px[0])
 
 
@@ -180,52 +185,55 @@ def browser() -> Iterator[webdriver.Chrome]:
         yield opened
 
 
+@contextmanager
+def open_editor(browser: webdriver.Chrome, run: Path) -> Iterator[Editor]:
+    """Open a run folder on the page, for corrections."""
+    with serve_app(run.parent) as server:
+        shot = server.library.identify(run)
+        browser.get(f"{server.url}#/shot/{shot}")
+        wait_on(browser).until(lambda b: b.find_elements(By.ID, "tab-correct"))
+        browser.execute_script("document.getElementById('tab-correct').click()")
+        wait_on(browser).until(lambda b: b.find_elements(By.CSS_SELECTOR, "#events button"))
+        wait_for_corrections(server, shot)
+        console_messages(browser)  # those of the page before
+        yield Editor(browser, server, shot)
+        browser.get("about:blank")
+
+
 @pytest.mark.parametrize("mistake", MISTAKES, ids=lambda one: one.name)
 def test_a_mistake_is_repaired_in_three_clicks(
-    mistake: Mistake, clean: CleanRun, browser: webdriver.Chrome, tmp_path: Path
+    mistake: Mistake, clean: CleanRun, browser: webdriver.Chrome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clip = prepare_mistake(mistake, clean, tmp_path)
-    with (
-        plant(mistake, clean.run, clean.detections),
-        serve(clip, tmp_path / "out", OPTIONS, tmp_path / "cache") as server,
-    ):
-        wait_for_result(server)
-        wrong = run_clip_tables(clip, tmp_path / "out", tmp_path / "cache")  # what the server has made
+    monkeypatch.setenv("TRUEROLL_CACHE", str(tmp_path / "cache"))
+    with plant(mistake, clean.run, clean.detections):
+        wrong = run_clip_tables(clip, tmp_path / "out", tmp_path / "cache")
         corners = [run.scene.camera.corners_px for run in (wrong, clean.run)]
         assert list_differences(wrong, clean.run) or np.ptp(corners[0] - corners[1])
-        browser.get(server.url)
-        wait_on(browser).until(lambda b: b.find_elements(By.CSS_SELECTOR, "#events button"))
-        console_messages(browser)  # those of the page before
-        editor = Editor(browser, server)
-        REPAIRS[mistake.name](editor, clean.run)
-        wait_on(browser).until(lambda _: _read_revision(server) == 2)
-        wait_for_result(server)
-        messages = console_messages(browser)
-        browser.get("about:blank")
+        with open_editor(browser, tmp_path / "out") as editor:
+            REPAIRS[mistake.name](editor, clean.run)
+            wait_on(browser).until(lambda _: read_corrections(clip).revision == 2)
+            wait_for_corrections(editor.server, editor.shot)
+            messages = console_messages(browser)
         corrected = run_clip_tables(clip, tmp_path / "out", tmp_path / "cache")
     assert list_differences(corrected, clean.run) == []
     assert editor.count <= 3
     assert messages == []
 
 
-def test_a_dragged_corner_beats_the_corners_that_the_editor_was_started_with(
-    clean: CleanRun, browser: webdriver.Chrome, tmp_path: Path
+def test_a_dragged_corner_beats_the_corners_of_the_run(
+    clean: CleanRun, browser: webdriver.Chrome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shutil.copytree(clean.detected, tmp_path / "cache")
+    monkeypatch.setenv("TRUEROLL_CACHE", str(tmp_path / "cache"))
     clip = Path(shutil.copy(clean.clip, tmp_path))
     right = clean.run.scene.camera.corners_px
     wrong = ",".join(f"{value:.1f}" for value in (right + ONE_CORNER).ravel())
-    with serve(clip, tmp_path / "out", build_options({"laws": False, "corners": wrong}), tmp_path / "cache") as server:
-        wait_for_result(server)
-        browser.get(server.url)
-        wait_on(browser).until(lambda b: b.find_elements(By.CSS_SELECTOR, "#events button"))
-        Editor(browser, server).drag(right[0] + ONE_CORNER[0], right[0])
-        wait_on(browser).until(lambda _: _read_revision(server) == 1)
-        shown = wait_for_result(server)["run"]["corners"]
-        browser.get("about:blank")
+    options = build_options({"laws": False, "corners": wrong})
+    run_tables(clip, tmp_path / "out", options, ResultCache(tmp_path / "cache"), SilentWatcher())
+    with open_editor(browser, tmp_path / "out") as editor:
+        editor.drag(right[0] + ONE_CORNER[0], right[0])
+        wait_on(browser).until(lambda _: read_corrections(clip).revision == 1)
+        shown = wait_for_corrections(editor.server, editor.shot)["run"]["corners"]
     assert np.abs(np.array(shown) - right).max() < 1.0
     assert list_differences(run_clip_tables(clip, tmp_path / "out", tmp_path / "cache"), clean.run) == []
-
-
-def _read_revision(server: EditServer) -> int:
-    return server.session.status.revision

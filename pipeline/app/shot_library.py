@@ -1,0 +1,399 @@
+"""The library of shots: plain run folders below one folder, listed as cards.
+
+The folders are the only state. What is expensive to read is kept in an index that may be deleted at any time.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import math
+import os
+import secrets
+import shutil
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, fields, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from pipeline.app.refusals import Refusal
+from pipeline.engine.atomic_write import write_text
+
+# Folder within the library for queue, trash and index, and that of uploaded clips.
+APP_FOLDER, CLIP_FOLDER = ".trueroll-app", "clips"
+# Of the index; cards of another version are read again.
+INDEX_FORMAT = 1
+# Deepest folder that is searched, as a batch mirrors the tree of its clips; most folders, so that a home folder that is
+# taken as a library is no endless search.
+MAX_DEPTH, MAX_FOLDERS = 8, 20_000
+# ns: a folder that changed less long ago may change again within the resolution of its time of change.
+SETTLE_NS = 2_000_000_000
+TRUST_WORDS = {"green": "high", "amber": "medium", "red": "low"}
+# Documents that make a folder a card, with its kind and page: runs, then what commands write on several runs.
+RUN_FILE, SOURCE_FILE = "scene.json", "source.json"
+PAGES = {"session.json": ("session", "session.html"), "certificate.json": ("session", "certificate.html"),
+         "gap.json": ("diagnosis", "gap.html")}  # fmt: skip
+# Files of a folder that the page may ask for, with their types.
+FILE_TYPES = {
+    "slow.mp4": "video/mp4", "poster.png": "image/png", "report.html": "text/html", "recording.rrd":
+    "application/octet-stream", "tracks.csv": "text/csv", "events.csv": "text/csv", "trajectory.csv": "text/csv",
+    "scene.json": "application/json", "session.html": "text/html", "session.csv": "text/csv", "session.json":
+    "application/json", "certificate.html": "text/html", "certificate.json": "application/json", "gap.html":
+    "text/html", "gap.json": "application/json", "gap_predictions.csv": "text/csv",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Card:
+    """What the library shows of a folder."""
+
+    id: str
+    name: str
+    kind: str
+    """shot, rally, recording, session or diagnosis."""
+    date: str
+    """Of the clip, ISO 8601."""
+    table: str
+    balls: int | None
+    seconds: float
+    trust: str
+    """high, medium, low, or empty."""
+    outcome: str
+    thumbnail: bool
+    state: str
+    """done; quick, before the slow motion is made; running or failed."""
+    error: str
+    page: str
+    """Name of its page of HTML; empty for none."""
+    bytes: int
+
+    def describe(self) -> dict[str, Any]:
+        """Return the card as JSON values; `asdict` takes ten times as long, which thousands of cards show."""
+        return {name: getattr(self, name) for name in CARD_FIELDS}
+
+
+CARD_FIELDS = tuple(one.name for one in fields(Card))
+
+
+@dataclass(frozen=True, slots=True)
+class _Folder:
+    """What was read of a folder when it had this time of change."""
+
+    changed_ns: int
+    """0 where it may have changed since."""
+    children: tuple[str, ...]
+    card: Card | None
+
+
+class ShotLibrary:
+    """The library in one folder; safe to use from several threads."""
+
+    def __init__(self, root: Path, depth: int = MAX_DEPTH) -> None:
+        """Read the library.
+
+        Args:
+            root: Its folder; it need not exist.
+            depth: Deepest folder that is searched, counted from `root`.
+        """
+        self.root, self._depth = root.absolute(), depth
+        self.own = self.root / APP_FOLDER
+        """Folder of queue, trash and index."""
+        self.clips = self.root / CLIP_FOLDER
+        """Folder of uploaded clips."""
+        self.closers: list[Callable[[], None]] = []
+        """Called when the server stops."""
+        self.deletion_listeners: list[Callable[[str], None]] = []
+        """Called with the id of a card before its folder is moved to the trash."""
+        self.listeners: list[Callable[[dict[str, Any]], None]] = []
+        """Called with every message to the pages."""
+        self._lock = threading.RLock()
+        self._folders = self._read_index()
+        self._paths: dict[str, str] = {}
+        self._revision = int(time.time() * 10)  # grows also from one start to the next
+        self.refresh()
+
+    def announce(self, **message: Any) -> None:
+        """Send a message to all pages, such as `type="shot", id=...`."""
+        for listener in list(self.listeners):
+            listener(message)
+
+    def find_folder(self, shot: str) -> Path:
+        """Find the folder of a card.
+
+        Args:
+            shot: Its id.
+
+        Returns:
+            An existing folder within the library.
+
+        Raises:
+            Refusal: There is none.
+        """
+        with self._lock:
+            if shot not in self._paths:
+                self.refresh()
+            place = self._paths.get(shot)
+        folder = None if place is None else self.root / place
+        if folder is None or not folder.is_dir() or self.root.resolve() not in folder.resolve().parents:
+            raise Refusal(404, "There is no such shot in the library.")
+        return folder
+
+    def has_card(self, shot: str) -> bool:
+        """Whether there is a card of this id, as of the last `refresh`."""
+        return shot in self._paths
+
+    def read_clip(self, folder: Path) -> Path:
+        """Read which clip a run folder was made from; an empty path where that is not known."""
+        return Path(str(_read_object(folder / SOURCE_FILE).get("path", "")))
+
+    def identify(self, folder: Path) -> str:
+        """Return the id of a folder within the library."""
+        return _identify(folder.absolute().relative_to(self.root).as_posix())
+
+    def find_file(self, shot: str, name: str) -> Path:
+        """Find a file of a card by one of the fixed names; raises Refusal."""
+        path = self.find_folder(shot) / name
+        if name not in FILE_TYPES or path.is_symlink() or not path.is_file():
+            raise Refusal(404, "There is no such file in this shot.")
+        return path
+
+    def read_thumbnail(self, shot: str) -> bytes:
+        """Read the small JPEG of a card; raises Refusal."""
+        uri = str(_read_object(self.find_folder(shot) / "summary.json").get("thumbnail", ""))
+        try:
+            content = base64.b64decode(uri.partition(",")[2], validate=True)
+        except ValueError:
+            content = b""
+        if not content:
+            raise Refusal(404, "This shot has no small image.")
+        return content
+
+    @property
+    def revision(self) -> int:
+        """Number that grows with every change that `refresh` finds."""
+        return self._revision
+
+    def list_cards(self) -> list[Card]:
+        """List all cards as they are now, newest first."""
+        self.refresh()
+        with self._lock:
+            cards = [one.card for one in self._folders.values() if one.card is not None]
+        return sorted(cards, key=lambda card: card.date, reverse=True)
+
+    def refresh(self) -> bool:
+        """Read again what has changed on disk.
+
+        Returns:
+            Whether anything has.
+        """
+        with self._lock:
+            before, folders = self._folders, dict[str, _Folder]()
+            for place, folder in self._walk():
+                folders[place] = folder
+            changed = {p: f.card for p, f in before.items() if f.card} != {
+                p: f.card for p, f in folders.items() if f.card
+            }
+            self._folders = folders
+            if changed or not self._paths:
+                self._paths = {one.card.id: place for place, one in folders.items() if one.card is not None}
+            if changed:
+                self._revision += 1
+                self._write_index()
+        return changed
+
+    def _walk(self) -> Iterator[tuple[str, _Folder]]:
+        """Yield all folders by their path within the library; unchanged ones are not read again."""
+        waiting, number = [("", 0)], 0
+        while number < min(len(waiting), MAX_FOLDERS):
+            place, depth = waiting[number]
+            number += 1
+            path = self.root / place if place else self.root
+            try:
+                changed = os.stat(path).st_mtime_ns
+                folder = self._folders.get(place)
+                if folder is None or folder.changed_ns != changed:
+                    folder = _read_folder(path, place, changed)
+            except OSError:
+                continue
+            yield place, folder
+            if depth < self._depth and len(waiting) < MAX_FOLDERS:
+                waiting += [(f"{place}/{name}" if place else name, depth + 1) for name in folder.children]
+
+    def measure_disk(self) -> dict[str, int]:
+        """Measure the bytes that the library takes, those of them in the trash, and those that are free."""
+        with self._lock:
+            results = sum(one.card.bytes for one in self._folders.values() if one.card)
+        trash = sum(int(entry.get("bytes", 0)) for _, entry in self._list_trash())
+        clips = 0
+        with suppress(OSError), os.scandir(self.clips) as entries:
+            clips = sum(entry.stat(follow_symlinks=False).st_size for entry in entries)
+        place = self.root if self.root.exists() else self.root.parent
+        free = shutil.disk_usage(place).free
+        return {"used_bytes": results + clips + trash, "trash_bytes": trash, "free_bytes": free}
+
+    # The trash: a folder per deletion, with the run folder, the uploaded clip, and where both belong.
+
+    def delete(self, shot: str) -> str:
+        """Move a folder of the library to the trash, with its clip if that was uploaded.
+
+        Args:
+            shot: Id of its card.
+
+        Returns:
+            The token to restore it with.
+
+        Raises:
+            Refusal: There is none.
+        """
+        folder, token = self.find_folder(shot), secrets.token_hex(8)
+        place = folder.relative_to(self.root).as_posix()
+        clip = self.read_clip(folder)
+        entry: dict[str, Any] = {"folder": place, "bytes": _measure_tree(folder)}
+        if clip.parent == self.clips and clip.is_file() and "first" not in _read_object(folder / SOURCE_FILE):
+            entry |= {"clip": clip.name, "bytes": entry["bytes"] + clip.stat().st_size}
+        for close in self.deletion_listeners:
+            close(shot)
+        home = self.own / "trash" / token
+        write_text(home / "entry.json", json.dumps(entry))  # first, so that a killed server can put everything back
+        folder.rename(home / "folder")
+        if "clip" in entry:
+            clip.rename(home / "clip")
+        self.announce_changes()
+        return token
+
+    def restore(self, token: str) -> None:
+        """Restore what `delete` moved to the trash; raises Refusal."""
+        home, entry = next(((home, entry) for home, entry in self._list_trash() if home.name == token), (None, {}))
+        if home is None:
+            raise Refusal(404, "This is no longer in the trash.")
+        folder = self.root / entry["folder"]
+        if folder.exists():
+            raise Refusal(409, f"There is a new folder {entry['folder']}; rename it first.")
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        if "clip" in entry and (home / "clip").exists() and not (self.clips / entry["clip"]).exists():
+            (home / "clip").rename(self.clips / entry["clip"])
+        (home / "folder").rename(folder)
+        shutil.rmtree(home, ignore_errors=True)
+        self.announce_changes()
+
+    def empty_trash(self) -> None:
+        """Delete what is in the trash for good."""
+        shutil.rmtree(self.own / "trash", ignore_errors=True)
+        self.announce(type="library", revision=self.revision)
+
+    def announce_changes(self) -> None:
+        """Tell the pages of changes on disk, if there are any."""
+        if self.refresh():
+            self.announce(type="library", revision=self.revision)
+
+    def _list_trash(self) -> list[tuple[Path, dict[str, Any]]]:
+        """List the folders of the trash with their entries."""
+        return [(path.parent, entry) for path in (self.own / "trash").glob("*/entry.json")
+                if "folder" in (entry := _read_object(path)) and path.with_name("folder").exists()]  # fmt: skip
+
+    def _read_index(self) -> dict[str, _Folder]:
+        """Read the index; empty where it is missing, damaged or of another version."""
+        document = _read_object(self.own / "index.json")
+        with suppress(TypeError, KeyError, ValueError):
+            if document["format"] == INDEX_FORMAT:
+                return {
+                    place: _Folder(one[0], tuple(one[1]), None if one[2] is None else Card(**one[2]))
+                    for place, one in document["folders"].items()
+                }
+        return {}
+
+    def _write_index(self) -> None:
+        """Write the index; a library that cannot be written is listed all the same."""
+        folders = {
+            place: (one.changed_ns, one.children, None if one.card is None else one.card.describe())
+            for place, one in self._folders.items()
+        }
+        with suppress(OSError):
+            write_text(self.own / "index.json", json.dumps({"format": INDEX_FORMAT, "folders": folders}))
+
+
+def _identify(place: str) -> str:
+    """Return the id of a folder by its path within the library."""
+    return hashlib.sha256(os.fsencode(place)).hexdigest()[:16]
+
+
+def _read_object(path: Path) -> dict[str, Any]:
+    """Read a JSON object; empty where the file cannot be read."""
+    with suppress(OSError, ValueError, RecursionError):
+        document = json.loads(path.read_bytes())
+        return document if isinstance(document, dict) else {}
+    return {}
+
+
+def _read_folder(path: Path, place: str, changed_ns: int) -> _Folder:
+    """Read one folder of the library; raises OSError."""
+    with os.scandir(path) as entries:
+        entry_of = {entry.name: entry for entry in entries if not entry.name.startswith(".") and not entry.is_symlink()}
+    is_run = RUN_FILE in entry_of
+    hidden = ("shot",) if is_run else (CLIP_FOLDER,) if not place else ()
+    children = sorted(name for name, entry in entry_of.items() if entry.is_dir() and name not in hidden)
+    card = _make_card(path, place, set(entry_of)) if place else None
+    if card is not None:
+        own = sum(entry.stat().st_size for entry in entry_of.values() if entry.is_file())
+        card = replace(card, bytes=own + (_measure_tree(path / "shot") if is_run else 0))
+    is_settled = time.time_ns() - changed_ns > SETTLE_NS
+    return _Folder(changed_ns if is_settled else 0, tuple(children), card)
+
+
+def _make_card(path: Path, place: str, names: set[str]) -> Card | None:
+    """Make the card of a folder; None if it is no result."""
+    kind, page = next((value for name, value in PAGES.items() if name in names), ("", ""))
+    scene: dict[str, Any] = {}
+    if RUN_FILE in names:
+        scene, page = _read_object(path / RUN_FILE), "report.html" if "report.html" in names else ""
+        kind = (
+            "recording"
+            if "shots" in scene
+            else {"billiards": "shot", "rally": "rally"}.get(str(scene.get("scene")), "")
+        )
+    if not kind:
+        return None
+    facts = _read_object(path / "summary.json") if kind in ("shot", "rally") else {}
+    clip = scene.get("clip")
+    stated = clip.get("seconds") if isinstance(clip, dict) else None
+    seconds = float(stated) if isinstance(stated, float | int) and math.isfinite(stated) else 0.0
+    is_whole = kind not in ("shot", "rally") or "slow.mp4" in names
+    return Card(
+        _identify(place), place.replace("/", ", "), kind, _read_date(path), _name_table(scene),
+        len(facts["balls"]) if isinstance(facts.get("balls"), list) else None, seconds,
+        TRUST_WORDS.get(_get_text(facts.get("trust", scene.get("trust")), "light"), ""),
+        _first_sentence(facts.get("sentences")), bool(facts.get("thumbnail")), "done" if is_whole else "quick", "",
+        page, 0,
+    )  # fmt: skip
+
+
+def _get_text(value: object, key: str) -> str:
+    """Return a text of a JSON object; empty where there is none."""
+    return str(value.get(key, "")) if isinstance(value, dict) else ""
+
+
+def _name_table(scene: dict[str, Any]) -> str:
+    """Name the table of a scene, or its sport."""
+    return _get_text(scene.get("table"), "name") or str(scene.get("sport", ""))
+
+
+def _first_sentence(sentences: object) -> str:
+    """Return the first of some sentences."""
+    return str(sentences[0]).split(". ")[0] if isinstance(sentences, list) and sentences else ""
+
+
+def _read_date(path: Path) -> str:
+    """Read when the clip of a run was filmed, as far as its file tells; else when the folder was written."""
+    clip = Path(str(_read_object(path / SOURCE_FILE).get("path", "")))
+    place = clip if clip.name and clip.exists() else path
+    return datetime.fromtimestamp(place.stat().st_mtime, UTC).isoformat(timespec="seconds")
+
+
+def _measure_tree(folder: Path) -> int:
+    """Measure all files below a folder, bytes."""
+    return sum(path.lstat().st_size for path in folder.rglob("*") if path.is_file())

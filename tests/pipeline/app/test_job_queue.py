@@ -1,0 +1,231 @@
+"""The queue of the page: what a killed server leaves, what two servers see of each other, and how jobs end."""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.app_requests import list_tree, write_run
+
+from pipeline.app import job_queue
+from pipeline.app.job_queue import JobQueue, run_trueroll
+from pipeline.app.refusals import Refusal
+from pipeline.app.shot_library import ShotLibrary
+from pipeline.batch import supervision
+from pipeline.batch.clip_job import ClipJob, ClipResult, build_failed_result
+
+LONGEST_S = 60.0
+
+
+class FakeProcess:
+    """Stands in for the process that runs clips: it writes a run folder, or waits until it is closed."""
+
+    jobs: list[ClipJob]
+    hold: threading.Event
+
+    def __init__(self) -> None:
+        self.closed = threading.Event()
+
+    def prepare(self) -> None:
+        """Load nothing."""
+
+    def request_exit(self) -> None:
+        self.closed.set()
+
+    close = request_exit
+
+    def run(self, job: ClipJob, listener: Callable[[dict[str, Any]], None]) -> ClipResult:
+        type(self).jobs.append(job)
+        listener({"stage": "detect", "share": 0.5})
+        Path(job.preview).write_bytes(b"jpeg")
+        listener({"found": ["0.5 s: The cue ball hits red 3."]})
+        while not (self.hold.is_set() or self.closed.is_set()):
+            time.sleep(0.01)
+        if self.closed.is_set() or "bad" in job.clip:
+            return build_failed_result(job.name, "no table was found")
+        write_run(Path(job.folder))
+        (Path(job.folder) / "source.json").write_text(json.dumps({"path": job.clip}))
+        return replace(build_failed_result(job.name, ""), status="done", folder=job.folder)
+
+
+@pytest.fixture(autouse=True)
+def runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[type[FakeProcess]]:
+    """Processes that compute nothing; without `hold` being set, a clip runs until it is cancelled."""
+    FakeProcess.jobs, FakeProcess.hold = [], threading.Event()
+    FakeProcess.hold.set()
+    monkeypatch.setattr(supervision, "SupervisedProcess", FakeProcess)
+    monkeypatch.setattr(job_queue, "run_trueroll", lambda *rest: ('{"verdict": "go", "sentences": ["Go."]}', ""))
+    monkeypatch.setattr(job_queue, "POLL_S", 0.02)
+    monkeypatch.setenv("TRUEROLL_CACHE", str(tmp_path / "cache"))
+    yield FakeProcess
+    FakeProcess.hold.set()
+
+
+@contextmanager
+def open_queue(root: Path) -> Iterator[JobQueue]:
+    queue = JobQueue(ShotLibrary(root))
+    queue.start()
+    try:
+        yield queue
+    finally:
+        queue.close()
+
+
+def wait_for(queue: JobQueue, job: str, **wanted: Any) -> dict[str, Any]:
+    """Wait until a job has these values."""
+    end = time.monotonic() + LONGEST_S
+    while time.monotonic() < end:
+        found = next((one for one in queue.describe() if one["id"] == job), {})
+        if wanted.items() <= found.items():
+            return found
+        time.sleep(0.01)
+    raise AssertionError(f"{job} has not become {wanted}: {queue.describe()}")
+
+
+def write_clip(root: Path, name: str = "break.mp4") -> Path:
+    path = root / "films" / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(b"clip")
+    return path
+
+
+def test_a_clip_becomes_a_card_and_says_first_what_it_has_found(tmp_path: Path, runs: type[FakeProcess]) -> None:
+    with open_queue(tmp_path / "library") as queue:
+        runs.hold.clear()
+        job = queue.add_clip(write_clip(tmp_path))
+        early = wait_for(queue, job["id"], state="running", preview=True, check={"level": "good", "sentences": ["Go."]})
+        assert (early["stage"], early["share"], early["shot"]) == ("detect", 0.5, None)
+        assert early["found"] == ["0.5 s: The cue ball hits red 3."]
+        assert queue.find_preview(job["id"]).read_bytes() == b"jpeg"
+        runs.hold.set()
+        done = wait_for(queue, job["id"], state="done")
+    (card,) = ShotLibrary(tmp_path / "library").list_cards()
+    assert (card.id, card.name) == (done["shot"], "break")
+    assert runs.jobs[0].settings == {"quick": True}
+
+
+def test_a_killed_server_leaves_its_jobs_to_the_next(tmp_path: Path, runs: type[FakeProcess]) -> None:
+    root, clip = tmp_path / "library", write_clip(tmp_path)
+    queue = JobQueue(ShotLibrary(root))
+    running, waiting = (queue.add_clip(clip)["id"] for _ in range(2))
+    for job, changes in ((running, {"state": "running", "stage": "detect", "check": {"level": "", "sentences": []}}),):
+        path = root / ".trueroll-app" / "queue" / f"{job}.json"
+        path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+    lost = queue.add_clip(root / "clips" / "lost.mp4")["id"]  # killed before the upload was in its place
+    with open_queue(root) as later:
+        assert wait_for(later, running, state="done")["check"]["level"] == "good"
+        wait_for(later, waiting, state="done")
+        assert lost not in [job["id"] for job in later.describe()]
+    assert len(runs.jobs) == 2
+
+
+def test_two_servers_show_one_queue_and_one_of_them_works(tmp_path: Path, runs: type[FakeProcess]) -> None:
+    root = tmp_path / "library"
+    with open_queue(root) as first:
+        runs.hold.clear()
+        begun = first.add_clip(write_clip(tmp_path))["id"]
+        wait_for(first, begun, state="running")
+        with open_queue(root) as second:
+            added = second.add_clip(write_clip(tmp_path, "other.mp4"))["id"]
+            wait_for(first, added, state="waiting")
+            second.cancel(begun)  # that the other one runs
+            wait_for(first, begun, state="cancelled")
+            wait_for(first, added, state="running")
+            runs.hold.set()
+            wait_for(second, added, state="done")
+            first.close()
+            last = second.add_clip(write_clip(tmp_path, "last.mp4"))["id"]
+            wait_for(second, last, state="done")  # it has taken over
+    assert [Path(job.clip).stem for job in runs.jobs] == ["break", "other", "last"]
+
+
+def test_a_server_that_ends_leaves_what_runs_waiting(tmp_path: Path, runs: type[FakeProcess]) -> None:
+    with open_queue(tmp_path / "library") as queue:
+        runs.hold.clear()
+        job = queue.add_clip(write_clip(tmp_path))["id"]
+        wait_for(queue, job, state="running")
+    with open_queue(tmp_path / "library") as queue:
+        runs.hold.set()
+        wait_for(queue, job, state="done")
+
+
+def test_failed_clips_are_tried_again_or_dismissed(tmp_path: Path, runs: type[FakeProcess]) -> None:
+    root = tmp_path / "library"
+    upload = tmp_path / "part"
+    with open_queue(root) as queue:
+        upload.write_bytes(b"clip")
+        job = queue.add_clip(root / "clips" / "bad.mp4", upload)["id"]
+        failed = wait_for(queue, job, state="failed")
+        assert (failed["error"], failed["shot"]) == ("no table was found", None)
+        queue.retry(job)
+        wait_for(queue, job, state="failed")
+        assert len(runs.jobs) == 2
+        queue.dismiss(job)
+        assert queue.describe() == []
+    assert list((root / "clips").iterdir()) == []
+
+
+def test_a_clip_on_this_machine_is_never_deleted(tmp_path: Path) -> None:
+    clip = write_clip(tmp_path, "bad.mp4")
+    with open_queue(tmp_path / "library") as queue:
+        job = queue.add_clip(clip)["id"]
+        wait_for(queue, job, state="failed")
+        queue.dismiss(job)
+    assert clip.exists()
+
+
+def test_what_cannot_be_done_to_a_job_is_refused(tmp_path: Path) -> None:
+    queue = JobQueue(ShotLibrary(tmp_path))
+    job = queue.add_clip(tmp_path / "a.mp4")["id"]
+    for refused in (queue.retry, queue.dismiss):
+        with pytest.raises(Refusal):
+            refused(job)
+    queue.cancel(job)
+    with pytest.raises(Refusal, match="ended already"):
+        queue.cancel(job)
+    for refused in (queue.cancel, queue.retry, queue.dismiss, queue.find_preview):
+        with pytest.raises(Refusal, match="no such clip"):
+            refused("../../x")
+    before = list_tree(tmp_path)
+    queue.dismiss(job)
+    assert len(list_tree(tmp_path)) == len(before) - 1
+
+
+def test_clips_with_one_name_get_folders_of_their_own_and_a_second_run_the_same(tmp_path: Path) -> None:
+    root = tmp_path / "library"
+    places = [tmp_path / "a" / "clips.mp4", tmp_path / "b" / "clips.mp4", tmp_path / ".mp4", tmp_path / "...mp4"]
+    with open_queue(root) as queue:
+        for clip in (*places, places[0]):
+            wait_for(queue, queue.add_clip(clip)["id"], state="done")
+    names = sorted(card.name for card in ShotLibrary(root).list_cards())
+    assert names == ["clip", "clips-2", "clips-3", "mp4"]
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"id": "../x"}', '{"state": "running"}'])
+def test_a_damaged_file_stops_nothing(text: str, tmp_path: Path) -> None:
+    root = tmp_path / "library"
+    home = root / ".trueroll-app" / "queue"
+    home.mkdir(parents=True)
+    (home / "damaged.json").write_text(text)
+    with open_queue(root) as queue:
+        wait_for(queue, queue.add_clip(write_clip(tmp_path))["id"], state="done")
+
+
+def test_a_command_of_the_program_runs_without_a_shell_and_can_be_stopped() -> None:
+    output, error = run_trueroll(("--version",), LONGEST_S, lambda: False)
+    assert output.startswith("trueroll ")
+    assert error == ""
+    assert run_trueroll(("call", "$(touch x); nowhere"), LONGEST_S, lambda: False)[1] != ""
+    begins = time.monotonic()
+    assert run_trueroll(("--version",), LONGEST_S, lambda: True)[1] == "It was stopped."
+    assert run_trueroll(("--version",), 0.0, lambda: False)[1] == "It took more than 0 minutes."
+    assert time.monotonic() - begins < LONGEST_S
+    assert not os.path.exists("x")
