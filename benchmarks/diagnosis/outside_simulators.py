@@ -1,7 +1,7 @@
 """Is the effect named that a MuJoCo file lacks, and what is said where nothing is missing?
 
     python -m benchmarks.diagnosis.outside_simulators [-o DIR] [--seeds 1] [--first 0] [--worlds arm] [--effects delay]
-        [--noise white] [--runs 8] [--length 3]
+        [--noise white] [--runs 8] [--length 3] [--laws]
 
 Worlds are pendulums of one and two links, a cart with a pole, an arm of two driven joints, and a thrown ball. The
 truth is MuJoCo with one or two effects, or with a force of a form that no effect has, played at 100 Hz with noise of
@@ -14,6 +14,7 @@ A run with the same DIR continues. One process; a case takes 5 to 60 CPU seconds
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -28,9 +29,14 @@ from scipy.signal import lfilter
 
 from benchmarks.support.row_files import append_row, read_rows
 from benchmarks.support.run_folder import ROOT
-from diagnosis.unexplained.force_law import ForceLaw
+from diagnosis.fitting.diagnosis_windows import fit_initial_windows
+from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem
+from diagnosis.fitting.shot_preparation import apply_noise_estimate, estimate_noise, split_shots
+from diagnosis.unexplained.force_law import ForceLaw, find_force_law, measure_resolved_acceleration
 from models.core.typing import FloatArray
+from models.estimation.gap_scenes.simulator_scene import build_simulator_scene
 from pipeline.experiments.gapcheck.blind_case import Proportion
+from pipeline.io.simulators.mechanism_recordings import read_mechanism_shots
 from pipeline.simulator_diagnosis import diagnose_mechanism
 
 RATE, STEP, NOISE = 100, 0.002, 1e-3
@@ -292,8 +298,10 @@ def measure_curve_error(law: ForceLaw, true: FloatArray) -> float:
     return float(np.sqrt(np.square(missed).mean() / np.square(values[inside]).mean()))
 
 
-def run_case(world: str, truth: str, noise: str, seed: int, runs: int, length: float, folder: Path) -> OutsideRow:
-    """Diagnose one case."""
+def run_case(
+    world: str, truth: str, noise: str, seed: int, runs: int, length: float, folder: Path, laws: bool
+) -> OutsideRow:
+    """Diagnose one case, or, with `laws`, only draw the law of what the fitted simulator lacks."""
     rng = np.random.default_rng([seed, *f"{world} {truth} {noise}".encode()])
     name = name_case(world, truth, noise, seed, runs, length)
     real, simulator = folder / f"{name}.csv", folder / f"{world.replace(' ', '_')}.xml"
@@ -301,15 +309,40 @@ def run_case(world: str, truth: str, noise: str, seed: int, runs: int, length: f
     lines, foreign = play(WORLDS[world], EFFECTS[truth](rng), rng, noise, runs, length)
     real.write_text("\n".join(lines) + "\n")
     start = time.process_time()
+    if laws:
+        own = draw_law(real, simulator)
+        return OutsideRow(
+            name, truth, noise, "", "", float("nan"), float("nan"), *score_law(own, foreign),
+            time.process_time() - start,
+        )  # fmt: skip
     report = diagnose_mechanism([real], str(simulator), seed)[0]
     seconds = time.process_time() - start
     names = report.effects or (report.candidates[0].group if report.verdict == "group" else ())
-    law = report.unexplained.law
     return OutsideRow(
         name, truth, noise, report.verdict, "+".join(sorted(names)), report.probability, report.gap.closure.closed,
-        "" if law is None else f"{law.direction} over {law.variable}",
-        float("nan") if law is None or not len(foreign) else measure_curve_error(law, foreign), seconds,
+        *score_law(report.unexplained.law, foreign), seconds,
     )  # fmt: skip
+
+
+def draw_law(real: Path, simulator: Path) -> ForceLaw | None:
+    """Draw the law of the force that a simulator lacks, without a search for effects."""
+    shots = read_mechanism_shots([real], str(simulator))
+    split = split_shots(shots.recordings)
+    used = (*split.fitting, *split.selection)
+    noise = estimate_noise(used)
+    problem = build_diagnosis_problem(
+        build_simulator_scene(shots.simulator, shots.recordings, shots.histories), noise.correlation
+    )
+    fitted = fit_initial_windows(problem, apply_noise_estimate(used, noise))
+    return find_force_law(measure_resolved_acceleration(problem, fitted), used[0].reference.coordinates)
+
+
+def score_law(law: ForceLaw | None, foreign: FloatArray) -> tuple[str, float]:
+    """Return what a law varies with, and the error of its curve; NaN where no foreign force acts."""
+    if law is None:
+        return "", float("nan")
+    error = measure_curve_error(law, foreign) if len(foreign) else float("nan")
+    return f"{law.direction} over {law.variable}", error
 
 
 def name_case(world: str, truth: str, noise: str, seed: int, runs: int, length: float) -> str:
@@ -332,9 +365,11 @@ def summarize(rows: list[OutsideRow]) -> Iterator[str]:
         undecided = sum(row.verdict == "undecidable" for row in cases)
         yield f"| nothing withheld, {noise} noise: false alarms | {alarms}; undecidable {undecided} |"
     foreign = [row for row in rows if row.truth in FOREIGN]
-    yield f"| a force of no library form: unknown | {Proportion(sum(row.is_right for row in foreign), len(foreign))} |"
+    asked = [row for row in foreign if row.verdict]
+    yield f"| a force of no library form: unknown | {Proportion(sum(row.is_right for row in asked), len(asked))} |"
     near = sum(row.curve_error <= 0.1 for row in foreign)
-    yield f"| its curve within 10 % | {Proportion(near, len(foreign))} |"
+    errors = [row.curve_error if math.isfinite(row.curve_error) else math.inf for row in foreign] or [math.nan]
+    yield f"| its curve within 10 % | {Proportion(near, len(foreign))}; median error {np.median(errors):.0%} |"
     sure = [row for row in rows if row.probability >= 0.9 and row.verdict != "undecidable"]
     yield f"| probability of at least 0.9: true | {Proportion(sum(row.is_right for row in sure), len(sure))} |"
     seconds = [row.seconds for row in rows]
@@ -349,6 +384,7 @@ def main() -> int:
     parser.add_argument("--worlds", default=",".join(WORLDS), help="worlds, separated by commas")
     parser.add_argument("--effects", default=",".join(EFFECTS), help="withheld effects, separated by commas")
     parser.add_argument("--noise", default="white", help=f"kinds of noise, separated by commas: {NOISE_KINDS}")
+    parser.add_argument("--laws", action="store_true", help="only draw the laws of foreign forces, without a search")
     parser.add_argument("--runs", type=int, default=8, help="runs per case")
     parser.add_argument("--length", type=float, default=3.0, help="s per run")
     options = parser.parse_args()
@@ -363,7 +399,7 @@ def main() -> int:
         name = name_case(world, truth, noise, seed, options.runs, options.length)
         if name in rows or not can_withhold(world, truth):
             continue
-        rows[name] = run_case(world, truth, noise, seed, options.runs, options.length, options.out)
+        rows[name] = run_case(world, truth, noise, seed, options.runs, options.length, options.out, options.laws)
         append_row(rows[name], table)
         print(rows[name], file=sys.stderr, flush=True)
     print("\n".join(summarize(list(rows.values()))))

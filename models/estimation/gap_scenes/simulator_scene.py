@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise, zip_longest
+from itertools import pairwise, product, zip_longest
 
 import numpy as np
 
@@ -40,8 +40,9 @@ _MIN_WINDOW_ROWS, _MIN_OBSERVATIONS = 40, 2
 _STATED_SIGMA = 0.3
 # Least typical position and speed of a joint, rad or m, per s: of one that hardly moves.
 _LEAST_POSITION, _LEAST_SPEED = 1e-3, 1e-3
-# Standard deviation of the unobserved position of a joint from the rest of the simulator, rad or m: a guess.
-_HIDDEN_SIGMA = 0.1
+# Standard deviation of the unobserved position and speed of a joint, in typical ones of those that are observed: a
+# light link at the end moves several times as fast as the one that carries it.
+_HIDDEN_RATIO = 4.0
 # Share of the speed of the fastest joint from which another one moves.
 _MOVING_SHARE = 0.1
 # s before and after a change of direction that belong to it.
@@ -65,11 +66,20 @@ class SimulatorScene:
     name: str = "mechanism"
     gauges: tuple[str, ...] = ("time_offset",)
     alternatives: tuple[Alternatives, ...] = ()
-    # Windows are short, so that a fit needs no measures against jumps of the cost.
-    is_smooth: bool = True
     # A simulator from outside is slow, and where something large is missing, robust fits creep.
     least_gain: float = 1e-3
     has_stated_values: bool = True
+
+    @cached_property
+    def hidden(self) -> tuple[int, ...]:
+        """Joints without a sensor, but for coordinates of free bodies."""
+        joints = self.simulator.joints
+        return tuple(k for k in range(len(joints)) if k not in self.observed and not joints[k].body)
+
+    @property
+    def is_smooth(self) -> bool:
+        """Whether a fit needs no measures against wrong minima: windows are short; a hidden joint leaves several."""
+        return not self.hidden
 
     @cached_property
     def parameter_sites(self) -> tuple[tuple[str, int, int], ...]:
@@ -311,15 +321,26 @@ class SimulatorModel:
         return replace(self, jacobian_mask=np.zeros_like(self.jacobian_mask))
 
     def _build_window(self, segment: Recording) -> Window:
-        """Build the window of a segment; joints that are not observed begin near the rest of the simulator."""
+        """Build the window of a segment; joints that are not observed move about the rest of the simulator.
+
+        They may begin on either side of it, and move either way: from one guess, some windows would end in a wrong
+        minimum, and effects that imitate its misfit would be named beside the truth.
+        """
         rows, who = np.nonzero(segment.is_observed)
         count, observed = len(self.scene.scales), self.scene.observed
         start = self.scene.simulator.rest.copy()
-        sigma = np.concatenate([np.full(count, _HIDDEN_SIGMA), [scale.speed for scale in self.scene.scales]])
+        typical = [scale.position for scale in self.scene.scales], [scale.speed for scale in self.scene.scales]
+        sigma = _HIDDEN_RATIO * np.concatenate(typical)
         guess = estimate_first_states(segment, _GUESS_ROWS).reshape(-1, 2)
         start[observed], start[count + observed] = guess.T
         sigma[observed] = sigma[count + observed] = np.inf
-        return Window(segment.shot, segment.t[rows], who.astype(np.int64), start, sigma)
+        sides = tuple(
+            start
+            + (np.eye(2 * count)[k] * side + np.eye(2 * count)[count + k] * way) * np.nan_to_num(sigma, posinf=0.0)
+            for k in self.scene.hidden
+            for side, way in product((-1.0, 1.0), repeat=2)
+        )
+        return Window(segment.shot, segment.t[rows], who.astype(np.int64), start, sigma, alternative_starts=sides)
 
 
 def build_simulator_scene(
