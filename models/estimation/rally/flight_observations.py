@@ -15,8 +15,8 @@ from models.core.typing import BoolArray, FloatArray, IntArray
 # Student-like loss: residuals far beyond this many standard deviations no longer pull. A detector's places have
 # tails that are wider than its own sigma says.
 ROBUST_SCALE = 3.0
-# px that an object at rest seems to move at most to either side, and s that it then stays: one at its apex stays as near
-# for 0.29 s, where 60 px show a metre.
+# px that an object at rest seems to move at most to either side, and s that it then stays: one at its apex stays as
+# near for 0.29 s, where 60 px show a metre.
 REST_PX, _REST_TIME = 3.0, 0.3
 # Natural logarithm of the density of clutter per standard deviation of a place: 1/(2 pi sigma^2) against an image. It
 # is the price of an observation that no flight explains.
