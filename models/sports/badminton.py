@@ -47,7 +47,7 @@ SPORT = Sport(
     Net(0.0, 1.524, 1.55),
     FlyingObject(
         "shuttle", radius=0.033, mass=0.0052, drag=Range(0.208, 0.02), drag_exponent=Range(-0.05, 0.05), lift=0.06,
-        turn_drag=Range(0.2, 0.35), turn_length=2.5, restitution=None, retention=None, max_speed=120.0, turn_error=0.02,
+        turn_drag=Range(0.2, 0.35), turn_length=2.5, restitution=None, retention=None, max_speed=120.0, turn_error=0.04,
         lag_lift=0.03,
     ),
     areas={

@@ -248,7 +248,6 @@ def _vary(
     starts = values[start_row(0, count) :]
     lengths = np.diff(np.append(starts, structure.end[-1]))
     is_short = (sizes < _FEW) | (lengths < _SHORT)
-    deviation = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     for k in range(1, count):
         if not structure.joined[k]:
             continue
@@ -260,7 +259,7 @@ def _vary(
             yield k, *_merge(fit, k, bool(sizes[k] > sizes[k - 1]), sport)
     for k in range(1, count):
         if structure.joined[k]:
-            for structure, values in _flip(observed, fit, k, deviation, sport):
+            for structure, values in _flip(observed, fit, k, sport):
                 yield k, structure, values
 
 
@@ -288,25 +287,38 @@ def _merge(fit: RallyFit, k: int, is_later_longer: bool, sport: Sport) -> tuple[
     return fewer, np.concatenate([values[:SHARED_COUNT], *parts, starts[stays]])
 
 
-def _flip(
-    observed: FlightObservations, fit: RallyFit, k: int, deviation: FloatArray, sport: Sport
-) -> list[tuple[RallyStructure, FloatArray]]:
+def _flip(observed: FlightObservations, fit: RallyFit, k: int, sport: Sport) -> list[tuple[RallyStructure, FloatArray]]:
     """Take a bounce or a touch of the net for a hit, or a hit that is seen where a bounce might be for a bounce."""
-    structure, at = fit.structure, flight_slice(k).start
-    kinds = list(structure.kinds)
+    structure, kinds = fit.structure, list(fit.structure.kinds)
     if kinds[k] in ("bounce", "landing", "net"):
         kinds[k] = "hit"
         return [(replace(structure, kinds=tuple(kinds)), fit.values.copy())]
-    start = float(fit.values[start_row(k, len(structure))])
-    row = min(int(np.searchsorted(observed.t, start)), len(observed) - 1)
-    pin = pin_to_surface(observed.matrix[row], fit.values[at : at + 3], start, sport)
-    if pin is None or not _may_bounce(pin, fit.values[at : at + 3], deviation[at + 2], sport):
+    changed = _pin_event(observed, fit, structure, k, sport)
+    if changed is None:
         return []
+    # nobody plays on after a landing: what follows it are hops
+    for j in range(k + 1, len(structure)):
+        if changed[0].kinds[k] == "landing" and changed[0].kinds[j] != "landing":
+            later = _pin_event(observed, replace(fit, values=changed[1]), changed[0], j, sport)
+            changed = changed if later is None else later
+    return [changed]
+
+
+def _pin_event(
+    observed: FlightObservations, fit: RallyFit, structure: RallyStructure, k: int, sport: Sport
+) -> tuple[RallyStructure, FloatArray] | None:
+    """Put the event that begins flight k on the surface; None where it cannot be there."""
+    place, start = fit.values[flight_slice(k)][:3], float(fit.values[start_row(k, len(structure))])
+    row = min(int(np.searchsorted(observed.t, start)), len(observed) - 1)
+    pin = pin_to_surface(observed.matrix[row], place, start, sport)
+    deviation = float(np.sqrt(max(fit.covariance[flight_slice(k), flight_slice(k)][2, 2], 0.0)))
+    if pin is None or not _may_bounce(pin, place, deviation, sport):
+        return None
+    heights, kinds = structure.heights.copy(), list(structure.kinds)
     kinds[k] = name_contact(sport)
-    heights = structure.heights.copy()
     heights[k] = sport.floor if pin.place[2] < sport.floor / 2 else 0.0
     changed = replace(structure, kinds=tuple(kinds), heights=heights)
-    return [(changed, _pin_flights(observed, fit, changed, k, pin, sport))]
+    return changed, _pin_flights(observed, fit, changed, k, pin, sport)
 
 
 def _may_bounce(pin: Pin, place: FloatArray, sigma: float, sport: Sport) -> bool:
