@@ -102,7 +102,8 @@ def score_patch(
     truth = effects["sticky_patch"]
     centre: FloatArray = np.array([truth["x"], truth["y"]])
     if patch is None:
-        return PatchRow(scene, seed, verdict, 0, truth["x"], truth["y"], *[float("nan")] * 5, bias)
+        nan = float("nan")
+        return PatchRow(scene, seed, verdict, 0, truth["x"], truth["y"], nan, nan, nan, nan, nan, bias)
     distance = float(np.hypot(*(patch.centre - centre)))
     pull = float((np.abs(patch.centre - centre) / patch.centre_sigma).max())
     return PatchRow(
