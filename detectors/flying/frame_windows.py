@@ -137,8 +137,8 @@ def find_shifts(camera: CourtCamera, frames: NDArray[np.int64], scale: float) ->
     if motion is None:
         return np.repeat(np.eye(3)[None], WINDOW, axis=0)
     share = np.stack(np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 1, 4)), axis=-1).reshape(-1, 2)
-    seen = share * [camera.width_px - 1, camera.height_px - 1]
-    flat = apply_homography(np.linalg.inv(motion[MIDDLE_IMAGE]), camera.undistort(seen))
+    grid = share * [camera.width_px - 1, camera.height_px - 1]
+    flat = apply_homography(np.linalg.inv(motion[MIDDLE_IMAGE]), camera.undistort(grid))
     moved = camera.distort(apply_homography(motion[:, None], flat))
-    shrunk = [(places + 0.5) * scale - 0.5 for places in (seen, *moved)]
+    shrunk = [(places + 0.5) * scale - 0.5 for places in (grid, *moved)]
     return np.array([cv2.findHomography(shrunk[0], places)[0] for places in shrunk[1:]])

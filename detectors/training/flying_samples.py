@@ -181,8 +181,10 @@ def cut_rally_samples(clip: RallyClip, rng: np.random.Generator | None) -> Flyin
         around = neighbours_of(k, 0, len(images), (lag, far))
         window = align_window(k, [images[i] for i in around], find_shifts(camera, around, scale))
         place = find_window_spots(window, outline_of_play(scene, scale, k))
-        seen = objects[k][np.isfinite(objects[k]).all(axis=1)]
+        flying = objects[k][np.isfinite(objects[k]).all(axis=1)]
         # What is hardly seen is neither the object nor something else.
-        visible = np.where(is_object_visible(seen[:, 4], seen[:, 5]), seen[:, 4], 0.1)
-        shards.append(cut_samples(window, place, (seen[:, :2] + 0.5) * scale - 0.5, seen[:, 2:4] * scale, visible, rng))
+        visible = np.where(is_object_visible(flying[:, 4], flying[:, 5]), flying[:, 4], 0.1)
+        shards.append(
+            cut_samples(window, place, (flying[:, :2] + 0.5) * scale - 0.5, flying[:, 2:4] * scale, visible, rng)
+        )
     return join_shards(shards)
