@@ -44,7 +44,7 @@ from pipeline.io.track_folder_scene import build_gap_scene
 SCENES = ("slide", "billiards")
 # m, of every patch.
 RADIUS = 0.3
-QUICK_SEEDS = range(408, 411)
+QUICK_SEEDS = range(913, 916)
 # m/s^2.
 GRAVITY = 9.81
 GOAL_OVERLAP, GOAL_PULL, GOAL_STRENGTH, GOAL_BIAS = 0.5, 2.0, 0.2, 1.0
@@ -141,7 +141,7 @@ def run_table(scene: str, seed: int, only_locates: bool = False) -> PatchRow:
 
 def measure_figures() -> list[Figure]:
     """Measure the figures of the documentation."""
-    rows = [run_table("slide", seed) for seed in QUICK_SEEDS]
+    rows = [run_table("billiards", seed, only_locates=True) for seed in QUICK_SEEDS]
     found = [row for row in rows if row.found]
     return [
         estimate_share("patches found", len(found), len(rows)),
@@ -190,7 +190,9 @@ def main() -> None:
     options = parser.parse_args()
     if options.quick:
         run_quick(
-            "diagnosis.patch_check", measure_figures, f"bodies that slide, seeds {QUICK_SEEDS[0]} to {QUICK_SEEDS[-1]}"
+            "diagnosis.patch_check",
+            measure_figures,
+            f"billiard tables, located without a search of effects, seeds {QUICK_SEEDS[0]} to {QUICK_SEEDS[-1]}",
         )
         return
     with tempfile.TemporaryDirectory() as scratch:
