@@ -61,12 +61,13 @@ def find_free_stretches(problem: DiagnosisProblem, fitted: EffectFit) -> tuple[F
     Returns:
         Stretches of at least `_SMOOTHED_ROWS` observations; none where the motion is not in a plane.
     """
+    if any(one.positions.shape[2] != 2 for one in fitted.segments):
+        return ()
     fitted = fit_pieces(problem, fitted)
     tracks: dict[tuple[int, str], list[_BodyRows]] = {}
     for segment, start in zip(fitted.segments, fitted.starts, strict=True):
-        if segment.positions.shape[2] == 2:
-            for body, rows in _measure_bodies(problem, fitted, segment, start):
-                tracks.setdefault((segment.shot, body), []).append(rows)
+        for body, rows in _measure_bodies(problem, fitted, segment, start):
+            tracks.setdefault((segment.shot, body), []).append(rows)
     bodies = {track: _concatenate(windows) for track, windows in tracks.items()}
     speeds = [np.linalg.norm(one.velocity[one.is_free > 0], axis=1).max(initial=0.0) for one in bodies.values()]
     least = _MIN_SPEED_SHARE * max(speeds, default=0.0)
@@ -105,7 +106,7 @@ def _concatenate(windows: list[_BodyRows]) -> _BodyRows:
 def _measure_bodies(
     problem: DiagnosisProblem, fitted: EffectFit, segment: Recording, start: FloatArray
 ) -> Iterator[tuple[str, _BodyRows]]:
-    """Yield each body of a window with its residuals."""
+    """Yield each body that is seen in a window with its residuals."""
     path = problem.scene.predict_positions(segment, start, fitted.shared, fitted.forms)
     covariates = problem.scene.observation_covariates(segment, start, fitted.shared, fitted.forms)
     is_free = np.isin(np.array(covariates.phase), _FREE_PHASES)
@@ -114,6 +115,8 @@ def _measure_bodies(
     factor = float(np.sqrt((1 + problem.correlation) / (1 - problem.correlation)))
     for body, name in enumerate(segment.bodies):
         own = np.flatnonzero(bodies == body)
+        if not len(own):
+            continue
         here = rows[own]
         t, residual = segment.t[here], segment.positions[here, body] - path[here, body]
         yield (
@@ -138,7 +141,9 @@ def _split_at_contacts(body: _BodyRows, least_speed: float) -> Iterator[_BodyRow
     is_far = (np.diff(body.window) > 0) & (np.diff(body.t) > _MAX_JOIN_S)
     ends = np.flatnonzero(~moves[1:] | ~moves[:-1] | meets | is_far) + 1
     for first, end in pairwise([0, *ends.tolist(), len(body.t)]):
-        inside = np.array([body.t[first] + _MARGINS_S[0], body.t[end - 1] - _MARGINS_S[1]])
+        # motion that is already free when the recording begins follows no contact
+        follows_contact = first > 0 or np.isfinite(body.contact[0])
+        inside = np.array([body.t[first] + _MARGINS_S[0] * follows_contact, body.t[end - 1] - _MARGINS_S[1]])
         begin, stop = (first + np.searchsorted(body.t[first:end], inside, side="left")).tolist()
         if stop - begin >= _SMOOTHED_ROWS and moves[first]:
             yield body.select(slice(begin, stop))

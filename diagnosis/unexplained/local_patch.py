@@ -90,35 +90,84 @@ def locate_patch(stretches: tuple[FreeStretch, ...], rng: np.random.Generator) -
     if not stretches:
         return None
     bare, fields = _build_system(stretches)
-    system = bare.add_fields(fields)
-    if system.freedom <= _PATCH_NUMBERS:
+    full = bare.add_fields(fields)
+    if full.freedom <= _PATCH_NUMBERS:
         return None
-    discs = _list_discs(system.position)
-    gain, information = system.measure_gains(discs)
-    # a disc that hardly changes the paths explains nothing
-    count = int((information > 0).sum())
-    first = int(np.argmax(gain))
-    if _patch_p_value(float(gain[first]), 1.0, count) > PATCH_SIGNIFICANCE:
+    # fields that nothing needs hide a patch where paths are few; without those that act, a patch stands for them
+    hypotheses = [_suppose_patch(one, bare, fields, full, rng) for one in (bare.add_fields(fields[..., :1]), full)]
+    likely = max((one for one in hypotheses if one is not None), key=lambda one: one.gain, default=None)
+    if likely is None or likely.p_value > PATCH_SIGNIFICANCE:
         return None
-    best = discs[np.argsort(-gain)[:_CHAINS]]
-    chains = np.column_stack([best[:, :2], np.log(best[:, 2])])
-    posterior = _PatchPosterior(system, 1.0, float(np.sqrt(gain[first] / information[first])))
-    chains = posterior.improve(chains, rng)
-    most = float(system.measure_gains(_to_discs(chains))[0].max())
-    left = system.chi2 - most
-    inflation = max(left / (system.freedom - _PATCH_NUMBERS), 1.0)
-    p_value = _patch_p_value(most, inflation, count)
-    if p_value > PATCH_SIGNIFICANCE or most < left - NOISE_COST_LIMITS[1] * system.freedom:
+    model = likely.model
+    if likely.gain < model.misfit - NOISE_COST_LIMITS[1] * model.system.freedom:
         return None
-    density = posterior.evaluate(chains)[0]
-    needed = _drop_idle_fields(bare, fields, _to_discs(chains[[np.argmax(density)]]))
-    posterior = replace(posterior, system=needed, inflation=inflation)
-    values = posterior.sample(posterior.improve(chains, rng), rng)
+    posterior = _PatchPosterior(model.system, likely.inflation, likely.strength_scale)
+    values = posterior.sample(posterior.improve(likely.chains, rng), rng)
     (x, y, radius, strength), (x_sigma, y_sigma, radius_sigma, strength_sigma) = values.mean(axis=0), values.std(axis=0)
     return LocalPatch(
         np.array([x, y]), np.array([x_sigma, y_sigma]), float(radius), float(radius_sigma), float(strength),
-        float(strength_sigma), p_value,
+        float(strength_sigma), likely.p_value,
     )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class _FieldChoice:
+    """The common fields that motion needs, by the Bayesian information criterion (Schwarz 1978)."""
+
+    system: _StretchSystem
+    misfit: float
+    """chi2 with them."""
+    criterion: float
+    """chi2 and the penalty of their number."""
+
+
+@dataclass(frozen=True, slots=True)
+class _PatchHypothesis:
+    """A patch that motion may have, against motion that is the same everywhere."""
+
+    model: _FieldChoice
+    """The fields that are needed beside the patch."""
+    chains: FloatArray
+    """(N, 3) x, y and the logarithm of the radius, near the best disc."""
+    inflation: float
+    """Factor on the variance of the noise."""
+    strength_scale: float
+    """m/s^2."""
+    gain: float
+    """Decrease of the criterion, without the penalty of the patch itself."""
+    p_value: float
+    """Probability of such a gain without a patch."""
+
+
+def _suppose_patch(
+    system: _StretchSystem, bare: _StretchSystem, fields: FloatArray, full: _StretchSystem, rng: np.random.Generator
+) -> _PatchHypothesis | None:
+    """Suppose the patch that some common fields let appear; None where no disc is significant beside these.
+
+    Args:
+        system: `bare` with some of the fields.
+        bare: Motion without common fields.
+        fields: (K, 2, F) all of these.
+        full: `bare` with all of them.
+        rng: Random generator of the chains.
+    """
+    discs = _list_discs(bare.position)
+    gain, information = system.measure_gains(discs)
+    first = int(np.argmax(gain))
+    # a disc that hardly changes the paths explains nothing; each is tried beside two choices of fields
+    count = 2 * int((information > 0).sum())
+    if _patch_p_value(float(gain[first]), 1.0, count) > PATCH_SIGNIFICANCE:
+        return None
+    best = discs[np.argsort(-gain)[:_CHAINS]]
+    posterior = _PatchPosterior(system, 1.0, float(np.sqrt(gain[first] / information[first])))
+    chains = posterior.improve(np.column_stack([best[:, :2], np.log(best[:, 2])]), rng)
+    disc = _to_discs(chains[[np.argmax(posterior.evaluate(chains)[0])]])
+    inflation = max((full.chi2 - float(full.measure_gains(disc)[0][0])) / (full.freedom - _PATCH_NUMBERS), 1.0)
+    beside = _choose_fields(bare, fields, inflation, disc)
+    won = max(_choose_fields(bare, fields, inflation, disc[:0]).criterion - beside.criterion, 0.0)
+    return _PatchHypothesis(
+        beside, chains, inflation, posterior.strength_scale, won, _patch_p_value(won, inflation, count)
+    )
 
 
 def _patch_p_value(gain: float, inflation: float, count: int) -> float:
@@ -241,20 +290,20 @@ def _build_system(stretches: tuple[FreeStretch, ...]) -> tuple[_StretchSystem, F
     return system, np.concatenate(fields)
 
 
-def _drop_idle_fields(system: _StretchSystem, fields: FloatArray, disc: FloatArray) -> _StretchSystem:
-    """Add those common fields (K, 2, F) to a system that are needed beside a disc (1, 3): each costs information on it.
+def _choose_fields(system: _StretchSystem, fields: FloatArray, inflation: float, discs: FloatArray) -> _FieldChoice:
+    """Choose those common fields (K, 2, F) that a system needs beside a disc (1, 3), or without one (0, 3).
 
-    By the Bayesian information criterion, a field must gain more than it could by chance. The first one, resistance,
-    always stays: the fit estimated it from the same motion.
+    Each costs information on a disc. The first one, resistance, always stays: the fit estimated it from the same
+    motion.
     """
     kept = list(range(fields.shape[2]))
 
     def measure_misfit(numbers: list[int]) -> float:
         part = system.add_fields(fields[..., numbers])
-        return part.chi2 - float(part.measure_gains(disc)[0][0])
+        return part.chi2 - float(part.measure_gains(discs)[0].sum())
 
     misfit = measure_misfit(kept)
-    penalty = max(misfit / system.freedom, 1.0) * float(np.log(system.residual.size))
+    penalty = inflation * float(np.log(system.residual.size))
     while len(kept) > 1:
         trials = [(measure_misfit([k for k in kept if k != one]), one) for one in kept[1:]]
         least, idle = min(trials)
@@ -262,7 +311,7 @@ def _drop_idle_fields(system: _StretchSystem, fields: FloatArray, disc: FloatArr
             break
         kept.remove(idle)
         misfit = least
-    return system.add_fields(fields[..., kept])
+    return _FieldChoice(system.add_fields(fields[..., kept]), misfit, misfit + penalty * len(kept))
 
 
 def _is_smooth_across(stretch: FreeStretch) -> bool:

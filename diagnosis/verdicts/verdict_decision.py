@@ -91,11 +91,13 @@ def decide_verdict(
     if supported.is_unknown or is_refuted:
         verdict = "unknown"
     reason, overruled = "", float("nan")
-    # that most of the gap is left; so few shots allow no certainty, as the next one may differ (rule of succession)
+    # That most of the gap is left. The closure counts blocks of windows where shots are few; the next shot may differ
+    # even so (rule of succession).
     left = min(1 - closure.most_probability, (holdout_shots + 1) / (holdout_shots + 2))
+    is_unknown_likely = left >= _LEAST_PROBABILITY
     if names and verdict != "unknown" and closure.resolved and closure.interval[0] <= 0:
         low, high = closure.interval
-        is_more = (supported.has_systematic_residuals or is_rest_clear) and left >= _LEAST_PROBABILITY
+        is_more = is_unknown_likely and (supported.has_systematic_residuals or is_rest_clear)
         verdict, overruled = ("unknown", left) if is_more else ("undecidable", overruled)
         reason = (
             f"hold-out shots do not confirm {format_names(names)}: {_format_share(closure.closed)} of the gap closed,"
@@ -103,7 +105,8 @@ def decide_verdict(
         )
     elif verdict == "none" and closure.resolved:
         # a fit of other shots can hide what acts between its windows
-        verdict, overruled = ("unknown", left) if is_rest_clear else ("undecidable", overruled)
+        is_more = is_unknown_likely and is_rest_clear
+        verdict, overruled = ("unknown", left) if is_more else ("undecidable", overruled)
         reason = (
             "the fit leaves only noise, but hold-out shots are predicted with"
             f" {closure.before / closure.floor:.1f} times the error that noise allows"

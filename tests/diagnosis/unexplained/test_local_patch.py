@@ -145,6 +145,7 @@ def test_stretches_hold_the_missing_acceleration_over_all_windows() -> None:
     stretches = find_free_stretches(problem, fit_effects(problem, base.segments))
     assert len(stretches) == SHOTS
     for stretch in stretches:
+        assert stretch.t[0] == 0.0  # nothing is left out where no contact comes before
         along = stretch.velocity[0] / np.linalg.norm(stretch.velocity[0])
         curve, covariance = np.polyfit(stretch.t, stretch.residual @ along, 2, cov=True)
         assert 2 * curve[0] == pytest.approx(-MU * GRAVITY, abs=4 * 2 * float(np.sqrt(covariance[0, 0])))
@@ -155,7 +156,8 @@ def test_a_ball_that_rolls_is_a_stretch_of_free_motion() -> None:
     t = np.arange(50) / 60
     places = np.stack([0.6 + speed * t - 0.5 * mu * GRAVITY * t**2, np.full(len(t), 0.5)], axis=1)
     places += 1e-4 * np.random.default_rng(0).standard_normal(places.shape)
-    shot = Recording(0, np.arange(50), t, ("cue",), places[:, None], np.full((50, 1), 1e-4), PLANE)
+    both = np.stack([places, np.full_like(places, np.nan)], axis=1)  # the other ball is never seen
+    shot = Recording(0, np.arange(50), t, ("cue", "red"), both, np.full((50, 2), 1e-4), PLANE)
     scene = build_billiards_scene(
         TABLE_PRESETS["carom-match"], (shot,), simulator_effects=("sliding_friction", "rolling_resistance")
     )

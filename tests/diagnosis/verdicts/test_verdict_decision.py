@@ -12,6 +12,7 @@ from diagnosis.verdicts.verdict import CandidateEffect, EffectShare, Verdict
 from diagnosis.verdicts.verdict_decision import ENOUGH_SHOTS, Decision, decide_verdict
 
 CLOSED = GapClosure(0.3, 0.05, 0.04, 0.99, (0.95, 1.0), True, 0.9)
+OPEN = replace(CLOSED, closed=0.0, interval=(-0.1, 0.1), most_probability=0.01)
 NOISE = UnknownEvidence(0.5, 1.0, 0.5, 0.9, 0.9, gap="shown")
 SYSTEMATIC = UnknownEvidence(1e-9, 5.0, 1e-9, 0.1, 0.1, gap="shown")
 PROBABILITIES = {"slope": 0.6, "air_drag": 0.3, "none": 0.05, "unknown": 0.05}
@@ -79,7 +80,7 @@ def test_nothing_is_missing_only_where_hold_out_shots_resolve_no_gap() -> None:
     assert decide(closure=UNKNOWN_CLOSURE).verdict == "none"
     for gap in ("unmeasured", "shown", "absent"):
         for is_clear in (False, True):
-            decided = decide(evidence=replace(NOISE, gap=gap), is_clear=is_clear)
+            decided = decide(evidence=replace(NOISE, gap=gap), closure=OPEN, is_clear=is_clear)
             assert decided.verdict == ("unknown" if is_clear and gap != "absent" else "undecidable")
             assert "7.5 times" in decided.reason
 
@@ -96,6 +97,12 @@ def test_what_hold_out_shots_overrule_is_as_probable_as_they_say_and_three_of_th
         assert shared["unknown"] == pytest.approx(unknown)  # at most 4 of 5, as after 3 shots of 3
         assert sum(shared.values()) == pytest.approx(1.0)
         assert shared["slope"] / shared["air_drag"] == pytest.approx(2.0)
+
+
+def test_nothing_is_called_unknown_that_is_less_likely_than_not() -> None:
+    closure = replace(CLOSED, closed=0.1, interval=(-0.2, 0.9), most_probability=0.6)
+    for effects in ((), (effect("slope"),)):
+        assert decide(*effects, closure=closure, is_clear=True).verdict == "undecidable"
 
 
 def test_hold_out_shots_withdraw_effects_that_may_close_nothing() -> None:
