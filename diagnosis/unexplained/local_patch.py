@@ -247,22 +247,22 @@ def _drop_idle_fields(system: _StretchSystem, fields: FloatArray, disc: FloatArr
     By the Bayesian information criterion, a field must gain more than it could by chance. The first one, resistance,
     always stays: the fit estimated it from the same motion.
     """
-    kept = list(range(fields.shape[2]))
+    columns = list(range(fields.shape[2]))
 
     def measure_misfit(numbers: list[int]) -> float:
         part = system.add_fields(fields[..., numbers])
         return part.chi2 - float(part.measure_gains(disc)[0][0])
 
-    misfit = measure_misfit(kept)
+    misfit = measure_misfit(columns)
     penalty = max(misfit / system.freedom, 1.0) * float(np.log(system.residual.size))
-    while len(kept) > 1:
-        trials = [(measure_misfit([k for k in kept if k != one]), one) for one in kept[1:]]
+    while len(columns) > 1:
+        trials = [(measure_misfit([k for k in columns if k != one]), one) for one in columns[1:]]
         least, idle = min(trials)
         if least - misfit > penalty:
             break
-        kept.remove(idle)
+        columns.remove(idle)
         misfit = least
-    return system.add_fields(fields[..., kept])
+    return system.add_fields(fields[..., columns])
 
 
 def _is_smooth_across(stretch: FreeStretch) -> bool:
