@@ -46,11 +46,13 @@ def list_windows(clip: Clip, camera: CourtCamera, scale: float) -> Iterator[Fram
     grey = read_frames(clip, grey=True)
     images: dict[int, ByteArray] = {}
     frames = clip.distinct_frames
+    # index before which neither this frame nor a later one needs an image
+    oldest = np.minimum.accumulate(rows.min(axis=1)[::-1])[::-1]
     for k, row in enumerate(rows):
-        while max(images, default=-1) < rows[k].max():
+        while max(images, default=-1) < row.max():
             image = reduce_image(next(grey)[1], scale)
             images[max(images, default=-1) + 1] = image if camera.motion is None else soften_image(image)
-        for old in [i for i in images if i < rows[k:].min()]:
+        for old in [i for i in images if i < oldest[k]]:
             del images[old]
         yield align_window(int(frames[k]), [images[i] for i in row], find_shifts(camera, frames[row], scale))
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
-from detectors.flying.frame_windows import FrameWindow
+from detectors.flying.frame_windows import MIDDLE_IMAGE, FrameWindow
 from detectors.flying.object_size import apparent_size
 from models.core.court_camera import CourtScene
 from models.core.typing import ByteArray, FloatArray
@@ -38,7 +38,7 @@ class PeopleFinder:
 
     def add_window(self, window: FrameWindow) -> None:
         """Note where a frame moves: the share of each cell that changes."""
-        change = cv2.absdiff(window.images[3], window.images[2])
+        change = cv2.absdiff(window.images[MIDDLE_IMAGE], window.images[MIDDLE_IMAGE - 1])
         _, is_moving = cv2.threshold(change, MOTION_LEVEL, 255, cv2.THRESH_BINARY)
         size = (change.shape[1] // CELL_PX, change.shape[0] // CELL_PX)
         self.frames.append(window.frame)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from detectors.flying.frame_windows import FrameWindow
+from detectors.flying.frame_windows import MIDDLE_IMAGE, FrameWindow
 from models.core.scene import apply_homography
 from models.core.typing import ByteArray, FloatArray, IntArray
 
@@ -27,7 +27,7 @@ def cut_patches(window: FrameWindow, place: IntArray) -> ByteArray:
         order of time; the spot is at (16, 16), and at the px of (16, 16) of the reduced ones.
     """
     layers = [_gather(image, _follow(shift, place)) for image, shift in zip(window.images, window.shifts, strict=True)]
-    for image in window.images[2:5]:
+    for image in window.images[MIDDLE_IMAGE - 1 : MIDDLE_IMAGE + 2]:
         half = cv2.resize(image, (image.shape[1] // 2, image.shape[0] // 2), interpolation=cv2.INTER_AREA)
         layers.append(_gather(np.asarray(half, np.uint8), place // 2))
     return np.stack(layers, axis=1)

@@ -296,22 +296,22 @@ def _choose_fields(system: _StretchSystem, fields: FloatArray, inflation: float,
     Each costs information on a disc. The first one, resistance, always stays: the fit estimated it from the same
     motion.
     """
-    kept = list(range(fields.shape[2]))
+    columns = list(range(fields.shape[2]))
 
     def measure_misfit(numbers: list[int]) -> float:
         part = system.add_fields(fields[..., numbers])
         return part.chi2 - float(part.measure_gains(discs)[0].sum())
 
-    misfit = measure_misfit(kept)
+    misfit = measure_misfit(columns)
     penalty = inflation * float(np.log(system.residual.size))
-    while len(kept) > 1:
-        trials = [(measure_misfit([k for k in kept if k != one]), one) for one in kept[1:]]
+    while len(columns) > 1:
+        trials = [(measure_misfit([k for k in columns if k != one]), one) for one in columns[1:]]
         least, idle = min(trials)
         if least - misfit > penalty:
             break
-        kept.remove(idle)
+        columns.remove(idle)
         misfit = least
-    return _FieldChoice(system.add_fields(fields[..., kept]), misfit, misfit + penalty * len(kept))
+    return _FieldChoice(system.add_fields(fields[..., columns]), misfit, misfit + penalty * len(columns))
 
 
 def _is_smooth_across(stretch: FreeStretch) -> bool:

@@ -75,7 +75,7 @@ class SurfaceView:
 
 
 def frame_landing(rally: Rally, call: LandingCall, landing: LandingHypothesis, size: tuple[int, int]) -> SurfaceView:
-    """Choose a view of a size (px) that shows a landing, its error and the line that decides.
+    """Choose a view of a size (px) that shows a landing, its error and the nearest line.
 
     The far end is on top, or the right end on the right, as in the image.
     """
@@ -84,7 +84,7 @@ def frame_landing(rally: Rally, call: LandingCall, landing: LandingHypothesis, s
     least = max(LEAST_SHARE * sport.length, LEAST_HEIGHT)
     distance = abs(call.distance) if np.isfinite(call.distance) else 0.0
     high = float(np.clip(max(SHOWN_SIGMAS * spread, SHOWN_DISTANCES * distance), least, LARGEST_HEIGHT))
-    edge = find_deciding_edge(rally, call, landing)
+    edge = find_line_edge(rally, call, landing)
     is_near = edge is not None and distance < 0.8 * high
     middle = (place[:2] + edge) / 2 if edge is not None and is_near else place[:2]
     axes = np.array([[1.0, 0], [0, -1.0]]) if sport.is_filmed_from_side else np.array([[0, 1.0], [-1.0, 0]])
@@ -93,8 +93,8 @@ def frame_landing(rally: Rally, call: LandingCall, landing: LandingHypothesis, s
     return SurfaceView(np.column_stack([by, np.array(size) / 2 - by @ middle]), size, sport.floor if is_low else 0.0)
 
 
-def find_deciding_edge(rally: Rally, call: LandingCall, landing: LandingHypothesis) -> FloatArray | None:
-    """Find the point (2,), m, of the outer edge of the line that decides that is nearest to a landing; None without."""
+def find_line_edge(rally: Rally, call: LandingCall, landing: LandingHypothesis) -> FloatArray | None:
+    """Find the point (2,), m, of the outer edge of the line of a call that is nearest to its landing; None without."""
     line = next((one for one in rally.scene.sport.lines if one.name == call.line), None)
     if line is None or not np.isfinite(call.distance):
         return None
@@ -171,7 +171,7 @@ def _draw_place(
         draw_polyline(image, view.to_pixels(place + find_ellipse(covariance, sigmas)), max(1, round(1.5 * scale)))
     ball = find_ellipse(np.eye(2) * rally.scene.sport.object.radius**2, 1.0)
     draw_polyline(image, view.to_pixels(place + ball), max(1, round(2 * scale)), WHITE)
-    edge = find_deciding_edge(rally, call, landing)
+    edge = find_line_edge(rally, call, landing)
     if edge is None or view.height != 0:
         return
     ends = view.to_pixels(np.stack([place, edge]))

@@ -33,7 +33,15 @@ from models.estimation.rally.flight_observations import (
     weigh_by_law,
 )
 from models.estimation.rally.flight_segmentation import RallyHypothesis
-from models.estimation.rally.single_flight import DRAG_SPREAD, build_flight_prior
+from models.estimation.rally.single_flight import (
+    DRAG,
+    DRAG_EXPONENT,
+    DRAG_SPREAD,
+    LAG_LIFT,
+    LIFT,
+    TURN_DRAG,
+    build_flight_prior,
+)
 from models.numerics.least_squares import SearchOptions, invert_semidefinite, minimize_residuals
 from models.physics.flight.flight_motion import PARAMETER_COUNT, FlightPath, fly
 
@@ -46,7 +54,7 @@ _BOUNCE_HEIGHT = 0.01
 _ARM, _PLAYER_SCALE, _PLAYER_TIME = 1.1, 2.0, 0.15
 # Parameters of a flight that the flights of a clip have in common: drag, its exponent, and lift by lag; and the share
 # of what is not known of the last two by which they differ from flight to flight.
-_SHARED, _FLIGHT_SHARE = (6, 11, 12), 0.2
+_SHARED, _FLIGHT_SHARE = (DRAG, DRAG_EXPONENT, LAG_LIFT), 0.2
 SHARED_COUNT = len(_SHARED)
 # m/s along the court from which it is clear which way the object flies.
 _WAY_SOFTNESS = 1.0
@@ -220,7 +228,7 @@ class _Problem:
         self.rows, self.by, self.normalizer = [], [], 0.0
         sport, structure, prior, count = self.sport, self.structure, self.prior, len(self.structure)
         for column, index in enumerate(_SHARED):
-            sigma = sport.object.drag.sigma if index == 6 else prior.sigma[index]
+            sigma = sport.object.drag.sigma if index == DRAG else prior.sigma[index]
             self._add_linear({column: 1.0}, values[column] - prior.mean[index], sigma)
         before: tuple[FloatArray, FloatArray, FloatArray] | None = None
         for k, rows in enumerate(assign_times(self.observed.t, structure, values)):
@@ -258,7 +266,7 @@ class _Problem:
 
     def _add_prior(self, k: int, values: FloatArray, part: slice, mean: FloatArray, sigma: FloatArray) -> None:
         kind, is_joined, start = self.structure.kinds[k], self.structure.joined[k], part.start
-        used = [7, 8, 9, 10]
+        used = [*LIFT, TURN_DRAG]
         if kind in (None, "hit") or not is_joined:
             used += [3, 4, 5]
         if not is_joined:
@@ -266,7 +274,7 @@ class _Problem:
         for j in used:
             self._add_linear({start + j: 1.0}, values[start + j] - mean[j], sigma[j])
         for column, index in enumerate(_SHARED):
-            spread = DRAG_SPREAD * mean[6] if index == 6 else _FLIGHT_SHARE * sigma[index]
+            spread = DRAG_SPREAD * mean[DRAG] if index == DRAG else _FLIGHT_SHARE * sigma[index]
             self._add_linear({start + index: 1.0, column: -1.0}, values[start + index] - values[column], spread)
 
     def _add_observations(self, rows: IntArray, path: FlightPath, k: int, part: slice) -> None:

@@ -80,9 +80,14 @@ def prepare_observations(
 
 
 def find_rests(px: FloatArray, t: FloatArray) -> BoolArray:
-    """Find where an object at places (N, 2), px, of an image that stands still, does not move for a while."""
+    """Find where an object at places (N, 2), px, of an image that stands still, does not move for a while.
+
+    One that is unseen for as long may have flown away and come back.
+    """
     resting, first = np.zeros(len(px), np.bool_), 0
     for last in range(len(px)):
+        if last and t[last] - t[last - 1] >= _REST_TIME:
+            first = last
         while (np.ptp(px[first : last + 1], axis=0) > 2 * REST_PX).any():
             first += 1
         if t[last] - t[first] >= _REST_TIME:

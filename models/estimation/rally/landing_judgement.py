@@ -24,8 +24,8 @@ LEAST_SIGMA = 1e-6
 NET_STEP_S = 0.002
 # s up to which an event and a landing hypothesis are the same moment: half a frame at 25 fps.
 SAME_MOMENT_S = 0.02
-# Standard deviations from the net up to which a landing may lie on either side of it.
-NET_SIGMAS = 3.0
+# Standard deviations from a line, or the net, up to which a landing may lie on either side of it.
+SIDE_SIGMAS = 3.0
 # m by which an outer edge of a line and of an area may differ by rounding.
 EDGE_TOLERANCE = 1e-6
 
@@ -38,6 +38,18 @@ FORWARD = ("near", "left")
 INDIFFERENT = 0.5
 
 CallReason = Literal["close", "no_landing", "hitter_unknown", "several", "unexplained", "mostly_unexplained"]
+
+
+@dataclass(frozen=True, slots=True)
+class LineDistance:
+    """How far a landing is from a line."""
+
+    line: str
+    """Its name, or `net`."""
+    distance: float
+    """m from the outer edge of the line to the place of contact, positive for in."""
+    sigma: float
+    """m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +70,7 @@ class LandingCall:
     landing: LandingHypothesis | None
     """The most probable one; None without any."""
     line: str
-    """The line that decides: with the least distance in standard deviations, or `net`; empty without a landing."""
+    """The nearest line, or `net`; beyond several, the one that is missed by most. Empty without a landing."""
     distance: float
     """m from the outer edge of that line to the place of contact, positive for in; NaN without a landing."""
     distance_sigma: float
@@ -69,6 +81,9 @@ class LandingCall:
     """Frames in the file between which it lands: sharp ones, or more of them, would decide."""
     reason: CallReason | None
     """Why the clip does not decide; None where it does."""
+    rival: LineDistance | None = None
+    """Another line, on either side of which the object may have landed, and which is nearer in standard deviations: the
+    probability depends more on it. None without such a line, and where the place of the landing is not trusted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,14 +142,15 @@ def judge_landing(rally: Rally, area: str | None = None) -> LandingCall:
     if max(probability, out) >= SURE_PROBABILITY:
         verdict = "in" if probability >= out else "out"
     rectangles = max(targets, key=lambda one: one[1])[0]
-    line, distance, distance_sigma = "", math.nan, math.nan
+    nearest, rival = LineDistance("", math.nan, math.nan), None
     if best is not None:
-        line, distance, distance_sigma = _measure_distance(rectangles, best, sport)
+        nearest, rival = _measure_distances(rectangles, best, sport)
     speed, speed_sigma = _find_speed(rally, best)
     return LandingCall(
-        name, verdict, probability, out, _name_half(sport, targets), rectangles, best, line, distance, distance_sigma,
-        speed, speed_sigma, _find_deciding_frames(rally, best),
+        name, verdict, probability, out, _name_half(sport, targets), rectangles, best, nearest.line,
+        nearest.distance, nearest.sigma, speed, speed_sigma, _find_deciding_frames(rally, best),
         None if verdict != "undecided" else doubt or _find_reason(rally, targets, landings),
+        rival if doubt is None else None,
     )  # fmt: skip
 
 
@@ -270,27 +286,28 @@ def _list_nodes() -> tuple[FloatArray, FloatArray]:
     return np.asarray(nodes), np.asarray(weights)
 
 
-def _measure_distance(
+def _measure_distances(
     rectangles: tuple[Rectangle, ...], landing: LandingHypothesis, sport: Sport
-) -> tuple[str, float, float]:
-    """Measure the distance, m, from the line that decides, its sigma, and the name of the line.
+) -> tuple[LineDistance, LineDistance | None]:
+    """Measure the distances from the nearest line and from its `rival`, if any, see `LandingCall`.
 
-    That line is the one with the least distance in standard deviations. Of several rectangles, that counts in which the
-    place lies deepest. The net is no line that one lands near, but a landing that may lie on either side of it.
+    Of several rectangles, that counts in which the place lies deepest. The net is no line that one lands near, but a
+    landing that may lie on either side of it.
     """
-    best = ("", -math.inf, math.nan)
     sigmas = np.maximum(np.sqrt(np.diag(landing.covariance)[:2]), LEAST_SIGMA)
+    choices = []
     for x0, y0, x1, y1 in rectangles:
         x, y = landing.place[:2]
         margins = []
         for distance, axis, at in ((x - x0, 0, x0), (x1 - x, 0, x1), (y - y0, 1, y0), (y1 - y, 1, y1)):
             name, sigma = _name_edge(axis, at, sport, float(landing.place[1 - axis])), float(sigmas[axis])
-            if name != "net" or distance < NET_SIGMAS * sigma:
-                margins.append((distance / sigma, name, float(distance), sigma))
-        _, name, distance, sigma = min(margins)
-        if distance > best[1]:
-            best = (name, distance, sigma)
-    return best
+            if name != "net" or distance < SIDE_SIGMAS * sigma:
+                margins.append(LineDistance(name, float(distance), sigma))
+        choices.append(margins)
+    margins = max(choices, key=lambda one: min(margin.distance for margin in one))
+    nearest = min(margins, key=lambda one: one.distance)
+    rival = min(margins, key=lambda one: one.distance / one.sigma)
+    return nearest, rival if rival != nearest and abs(rival.distance) < SIDE_SIGMAS * rival.sigma else None
 
 
 def _name_edge(axis: int, at: float, sport: Sport, along: float) -> str:

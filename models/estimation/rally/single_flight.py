@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 
 from models.core.court import Sport
+from models.core.rally import FLIGHT_PARAMETERS
 from models.core.typing import FloatArray
 from models.estimation.rally.flight_observations import (
     ROBUST_SCALE,
@@ -24,11 +25,16 @@ from models.estimation.rally.flight_observations import (
 from models.numerics.least_squares import SearchOptions, invert_semidefinite, minimize_residuals
 from models.physics.flight.flight_motion import GRAVITY, PARAMETER_COUNT, FlightPath, fly
 
+# Where parameters of the law stand among those of a flight.
+DRAG, TURN_DRAG, DRAG_EXPONENT, LAG_LIFT = (
+    FLIGHT_PARAMETERS.index(name) for name in ("drag", "turn_drag", "drag_exponent", "lag_lift")
+)
+LIFT = tuple(FLIGHT_PARAMETERS.index(name) for name in ("lift_x", "lift_y", "lift_z"))
 # m beyond the ends, and beside the sides, that a flight alone may begin at; a broad prior, as its height and speed.
 _HEIGHT = (1.5, 2.0)
 # Share of the largest speed that is the standard deviation of each component of the velocity.
 _SPEED_SHARE = 0.3
-# Standard deviations of lift and turn-over that stand for "none".
+# Least standard deviation of a parameter of the law: one that a sport does not have, or that is known, stays put.
 _NONE = 1e-5
 # m, softness of the floor, through which nothing flies.
 _FLOOR_SOFTNESS = 0.05
@@ -88,14 +94,15 @@ def build_flight_prior(sport: Sport) -> FlightPrior:
     behind, beside = sport.surroundings
     mean = np.zeros(PARAMETER_COUNT)
     mean[:3] = sport.length / 2, sport.width / 2, _HEIGHT[0]
-    mean[6], mean[10], mean[11] = item.drag.mean, item.turn_drag.mean, item.drag_exponent.mean
+    mean[DRAG], mean[TURN_DRAG], mean[DRAG_EXPONENT] = item.drag.mean, item.turn_drag.mean, item.drag_exponent.mean
     sigma = np.empty(PARAMETER_COUNT)
     sigma[:3] = sport.length / 3 + behind / 2, sport.width / 3 + beside / 2, _HEIGHT[1]
     sigma[3:6] = _SPEED_SHARE * item.max_speed * np.array([1.0, 0.5, 0.5])
-    sigma[6] = np.hypot(item.drag.sigma, DRAG_SPREAD * item.drag.mean)
-    sigma[7:10] = max(item.lift, _NONE)
-    sigma[10], sigma[11] = max(item.turn_drag.sigma, _NONE), item.drag_exponent.sigma
-    sigma[12] = max(item.lag_lift, _NONE)
+    sigma[DRAG] = np.hypot(item.drag.sigma, DRAG_SPREAD * item.drag.mean)
+    sigma[list(LIFT)] = max(item.lift, _NONE)
+    sigma[TURN_DRAG] = max(item.turn_drag.sigma, _NONE)
+    sigma[DRAG_EXPONENT] = max(item.drag_exponent.sigma, _NONE)
+    sigma[LAG_LIFT] = max(item.lag_lift, _NONE)
     return FlightPrior(mean, sigma)
 
 
@@ -183,7 +190,7 @@ def _solve_linear(
     fastest = float(prior.sigma[3]) / _SPEED_SHARE
     best, least = prior.mean.copy(), np.inf
     for share in _START_SPEEDS:
-        rate = prior.mean[6] * (1 + prior.mean[10] * (turn_length > 0) * 0.2) * share * fastest
+        rate = prior.mean[DRAG] * (1 + prior.mean[TURN_DRAG] * (turn_length > 0) * 0.2) * share * fastest
         pin_tau = np.maximum(np.array([pin.t for pin in pins]) - observed.t[0], -0.2 / rate)
         # without gravity the speed falls as 1 / (1 + rate t); the fall is slowed at the same rate
         reach, fall = _slow_down(tau, rate)

@@ -3,10 +3,10 @@
 The acceleration of a ball is -g z - k |v| v + |v| l x v with drag k, at a speed of 10 m/s, and lift l; at other speeds
 the drag is k (|v| / 10 m/s)^n. A shuttle turns over after a hit, over a length of path and not a time, since the air
 turns it (Cohen et al. 2015, doi:10.1088/1367-2630/17/6/063001): its drag is larger by the factor 1 + c exp(-s / L) at a
-length s of path, and it is lifted by exp(-s / L) l only. Later its nose lags behind its bending path by an angle that
-the air keeps in balance; the side force of that angle carries a share `lag_lift` of the part of gravity that bends the
-path. The derivatives obey the variational equations (Hairer, Norsett, Wanner 1993, section I.14), integrated together
-with the state.
+length s of path, and it is lifted by exp(-s / L) l only. Its nose lags behind its bending path by an angle that the air
+keeps in balance; the side force of that angle carries a share `lag_lift` of the part of gravity that bends the path.
+That share counts from the hit on, though the balance is reached only as the turn-over fades. The derivatives obey the
+variational equations (Hairer, Norsett, Wanner 1993, section I.14), integrated together with the state.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from models.core.fit_result import AMBER_SHARE, GREEN_SHARE, Trust, TrustLevel, 
 from models.core.number_format import format_probability, format_speed, format_time
 from models.core.rally import Rally, RallyEvent
 from models.estimation.rally.landing_judgement import CallReason, LandingCall, NetCrossing, find_explained_share
-from models.estimation.rally.landing_margin import format_distance, format_margin
+from models.estimation.rally.landing_margin import format_distance, format_line_distance, format_margin
 from pipeline.reporting.text.text_formatting import start_sentence
 
 # px up to which painted lines lie where the camera puts them: they are a few pixels wide, and found to a fraction.
@@ -124,6 +124,8 @@ def format_landing(call: LandingCall, rally: Rally) -> LandingWords:
     when = format_time(call.landing.t, call.landing.t_sigma)
     speed = f", at {format_speed(call.speed, call.speed_sigma)}" if math.isfinite(call.speed) else ""
     text = f"{head}: at {when} the {name} {would} {margin}{speed}."
+    if call.rival is not None:
+        text += f" The probability depends more on another distance: {format_line_distance(call.rival)}."
     return LandingWords(question, verdict, shown, text, margin, _format_advice(call, name))
 
 
@@ -135,6 +137,7 @@ def describe_landing_call(call: LandingCall, rally: Rally) -> dict[str, Any]:
         "probability_in": call.probability, "probability_out": call.out_probability, "half": call.half or None,
         "rectangles": [list(one) for one in call.rectangles],
         "line": call.line or None, "distance": call.distance, "distance_sigma": call.distance_sigma,
+        "rival": None if call.rival is None else asdict(call.rival),
         "speed": call.speed, "speed_sigma": call.speed_sigma,
         "place": None if landing is None else landing.place,
         "covariance": None if landing is None else landing.covariance,

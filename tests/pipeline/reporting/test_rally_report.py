@@ -13,12 +13,14 @@ from rerun.chunk import RrdReader
 from support.browser import accessibility_violations, console_messages, open_chromium, open_page
 from support.filmed_rally import film_rally
 from support.page_words import read_page
+from support.staged_rally import stage_rally
 
 from models.core.court_camera import rotation_matrix
 from models.core.progress import ignore_progress
 from models.core.rally import BallCandidates, Rally
 from models.estimation.rally.landing_judgement import judge_landing
 from models.estimation.rally.stroke_summary import summarize_strokes
+from models.sports.sport_catalogue import find_sports
 from pipeline.reporting.pages.rally_report import write_rally_report
 from pipeline.reporting.pages.run_report import ReportFiles
 from pipeline.reporting.recording.rally_recording import split_projection, write_rally_recording
@@ -85,6 +87,15 @@ def test_page_and_call_decide_nothing_where_trust_is_red(filmed: tuple[Clip, Ral
     assert call.verdict == "undecided"  # what close-up, poster and slow motion show
     assert format_landing(call, untrusted).verdict == "cannot be decided"
     assert not format_point(untrusted, call).is_decided
+
+
+def test_a_call_names_the_nearest_line_and_what_its_probability_depends_on() -> None:
+    rally = stage_rally(find_sports()["badminton"], (11.4, 0.96), sigma=(1.5, 0.02))
+    sentence = format_landing(judge_landing(rally), rally).sentence
+    assert "landed 50.0 ± 2.0 cm inside the outer edge of the left singles line, at " in sentence
+    assert sentence.endswith(
+        "The probability depends more on another distance: 2.0 ± 1.5 m inside the outer edge of the far end line."
+    )
 
 
 def test_a_camera_that_turns_is_no_doubt(filmed: tuple[Clip, Rally]) -> None:

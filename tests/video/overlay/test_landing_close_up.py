@@ -15,7 +15,7 @@ from models.estimation.rally.landing_margin import format_margin
 from video.drawing.court_plan import draw_court, find_ellipse
 from video.drawing.palette import FLASH
 from video.io.clip import Clip
-from video.overlay.landing_close_up import draw_landing, find_deciding_edge, frame_landing
+from video.overlay.landing_close_up import draw_landing, find_line_edge, frame_landing
 
 SIZE = (960, 720)
 
@@ -61,7 +61,7 @@ def test_the_distance_ends_on_the_outer_edge_of_the_line(filmed: tuple[Clip, Ral
     landing = replace(rally.landings[0], place=np.array([10.0, edge_y + distance, 0.0]))
     rally = replace(rally, landings=(landing,))
     call = judge_landing(rally)
-    edge = find_deciding_edge(rally, call, landing)
+    edge = find_line_edge(rally, call, landing)
     assert edge is not None
     np.testing.assert_allclose(edge, [10.0, edge_y], atol=1e-9)
     assert call.distance == pytest.approx(distance)

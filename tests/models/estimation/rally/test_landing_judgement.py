@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 from support.staged_rally import stage_rally
 
 from models.core.rally import LandingHypothesis, Rally, RallyEvent, RallyEventKind
@@ -43,6 +44,32 @@ def test_the_place_of_contact_on_the_line_is_in() -> None:
     call = judge_landing(stage_rally(TENNIS, (23.77 - 0.005, 5.0), sigma=(0.001, 0.001)))
     assert call.verdict == "in"
     assert call.distance == pytest.approx(0.005)
+
+
+def test_the_nearest_line_is_named_and_the_one_that_decides_the_probability_beside_it() -> None:
+    """One camera knows the place along the court worse: a far end line may be nearer in standard deviations."""
+    rally = stage_rally(BADMINTON, (11.4, 0.96), sigma=(1.5, 0.02))
+    call = judge_landing(rally)
+    assert (call.line, call.distance, call.distance_sigma) == (
+        "left singles line",
+        pytest.approx(0.5),
+        pytest.approx(0.02),
+    )
+    assert call.rival is not None
+    assert (call.rival.line, call.rival.distance, call.rival.sigma) == (
+        "far end line",
+        pytest.approx(2.0),
+        pytest.approx(1.5),
+    )
+    assert call.probability == pytest.approx(ndtr(2.0 / 1.5) - ndtr((6.7 - 11.4) / 1.5), abs=1e-3)
+    certain = judge_landing(stage_rally(BADMINTON, (11.4, 0.96), sigma=(0.3, 0.2)))
+    assert (certain.line, certain.rival) == ("left singles line", None), "nothing lies within three sigma of the end"
+    untrusted = judge_landing(replace(rally, flights=(replace(rally.flights[0], chi2=9.0),)))
+    assert untrusted.rival is None, "its probability depends on no distance"
+    beyond = judge_landing(stage_rally(BADMINTON, (13.9, 0.56), sigma=(0.02, 0.02)))
+    assert (beyond.line, beyond.distance, beyond.rival) == ("far end line", pytest.approx(-0.5), None), (
+        "not 10 cm inside"
+    )
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -22,6 +22,13 @@ def test_a_few_frames_at_an_apex_are_no_rest():
     assert not find_rests(px, t).any()
 
 
+def test_two_places_alone_are_no_rest():
+    """An object that nobody saw between may have flown away and come back."""
+    px = np.full((12, 2), 100.0)
+    sparse = np.array([0.0, 2.0, 4.0, *(6 + np.arange(9) / 25)])
+    assert find_rests(px, sparse).tolist() == [False] * 3 + [True] * 9
+
+
 def test_a_flight_saved_before_the_law_grew_has_the_new_parameters_at_zero():
     flight = Flight(0.0, 1.0, np.arange(11.0), np.eye(11), True, 1.0)
     assert flight.parameters.tolist() == [*range(11), 0, 0]
