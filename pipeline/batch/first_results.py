@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from models.core.detections import Detections
+from models.core.errors import TruerollError
 from models.core.fit_result import Fit
 from models.core.rally import BallCandidates, Rally
 from models.core.tracks import Tracks
@@ -55,7 +57,8 @@ class FirstResults:
         newest = [name for name in DRAWN_STAGES if name in entries]
         if newest and newest[-1] not in self._drawn:
             self._drawn.update(newest)
-            self._draw(graph, entries, newest[-1])
+            with suppress(OSError, ValueError, TruerollError):  # the run goes on without the image
+                self._draw(graph, entries, newest[-1])
             self._report(self._sentences)
         if not self._sentences and "explain" in entries:
             self._say(list_first_events(view_shot(graph.load("explain", entries))))

@@ -229,7 +229,7 @@ class SupervisedProcess:
             raise ProcessDied("it was interrupted")
         while not child.is_ready:
             child.is_ready = any("ready" in message for message in child.read_messages())
-            if time.monotonic() - child.started_at > START_TIMEOUT_S:
+            if not child.is_ready and time.monotonic() - child.started_at > START_TIMEOUT_S:
                 raise ProcessDied(f"it did not start within {START_TIMEOUT_S:.0f} s")
         return child
 
