@@ -13,6 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from models.core.corrections import Corrections
 from models.core.errors import TruerollError
@@ -69,6 +70,8 @@ class OpenShot:
         """Read what the folder holds; raises OptionError where it holds nothing that can be shown."""
         self.folder, self.digest = folder, digest
         self.saved: Shot | Rally = read_saved(folder)
+        self.motion: dict[str, Any] | None = None
+        """What the page shows of the saved motion, once it was described."""
         self._cache = cache
         self._lock, self._clip_lock = threading.RLock(), threading.Lock()
         self._is_warm = False
@@ -254,6 +257,7 @@ class ShotDesk:
             if entry is None:
                 return None
             entry.used = time.monotonic()
+            self._sessions.move_to_end(shot)
             return entry.session
 
     def open_session(self, shot: str) -> EditSession:
@@ -269,7 +273,7 @@ class ShotDesk:
                 return session
             self.close_session(shot)
             opened = self.open(shot)
-            edited = find_edited_clip(opened.folder, None)
+            edited = find_edited_clip(opened.folder)
             marks = read_corrections(edited.path, edited.digest).corrections
             if edited.first is not None and edited.stop is not None:
                 marks = marks.select_span(edited.first, edited.stop)
@@ -279,7 +283,8 @@ class ShotDesk:
                 partial(self._library.announce, type="shot", id=shot),
             )  # fmt: skip
             self._sessions[shot] = KeptSession(session, time.monotonic())
-            oldest = [name for name in self._sessions if name != shot][: len(self._sessions) - KEPT_SHOTS]
+            quiet = [name for name, one in self._sessions.items() if name != shot and not one.session.status.stage]
+            oldest = quiet[: max(0, len(self._sessions) - KEPT_SHOTS)]
         for name in oldest:
             self.close_session(name)
         return session

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,7 @@ from models.estimation.rally.landing_judgement import judge_landing
 from models.estimation.rally.stroke_summary import Stroke, sample_flights, summarize_strokes
 from models.physics.billiards.cushion_geometry import find_mouth_line
 from models.physics.billiards.tables import TABLE_PRESETS
-from pipeline.app.open_shots import KEPT_SHOTS, OpenShot
+from pipeline.app.open_shots import OpenShot
 from pipeline.editing.edit_session import EditSession
 from pipeline.editing.run_view import describe_frames, describe_run
 from pipeline.io.strict_json import read_json
@@ -55,13 +54,14 @@ def describe_shot(opened: OpenShot, session: EditSession | None, why_no_session:
         state = session.describe() | asdict(session.status)
     if state["run"] is None:  # until the first run of a session
         state["run"] = describe_run(opened.run, None, opened.shot.corrections)
-    return state | _describe_motion(opened) | {
+    if opened.motion is None:
+        opened.motion = _describe_motion(opened)
+    return state | opened.motion | {
         "kind": "shot", "tables": list(TABLE_PRESETS), "clip": opened.has_clip,
         "video": _describe_video(opened, float(opened.shot.tracks.t[0]), float(opened.shot.tracks.t[-1])),
     }  # fmt: skip
 
 
-@lru_cache(KEPT_SHOTS)
 def _describe_motion(opened: OpenShot) -> dict[str, Any]:
     """Describe what only the saved shot decides: summary, numbers and plan."""
     fit, table, tracks = opened.fit, opened.shot.scene.table, opened.shot.tracks

@@ -134,7 +134,7 @@ class ShotHandlers:
     def _describe(self, shot: str) -> dict[str, Any]:
         opened = self._desk.open(shot)
         if isinstance(opened.saved, Rally):
-            return {"id": shot, **describe_rally(opened)}
+            return {"id": shot, "version": _name_version(opened), **describe_rally(opened)}
         session: EditSession | None = None
         why_not = ""
         try:
@@ -142,7 +142,7 @@ class ShotHandlers:
         except (TruerollError, OSError) as error:
             why_not = f"This shot cannot be corrected: {' '.join(str(error).split())}"
         opened.warm_up()
-        return {"id": shot, **describe_shot(opened, session, why_not)}
+        return {"id": shot, "version": _name_version(opened), **describe_shot(opened, session, why_not)}
 
     async def send_frame(self, request: Request) -> Response:
         """Send a frame as JPEG."""
@@ -169,7 +169,8 @@ class ShotHandlers:
             answer = state_call(opened.record, call, words, question.on)
             balls = list(call.balls)
             has_picture = math.isfinite(call.t) and opened.record.camera is not None
-        picture = f"api/shots/{shot}/picture?{urlencode(question.values)}"
+        version = {"version": _name_version(opened)}
+        picture = f"api/shots/{shot}/picture?{urlencode(question.values | version)}"
         return _describe_answer(answer) | {
             "balls": balls, "picture": picture if has_picture and opened.has_clip else None
         }  # fmt: skip
@@ -335,6 +336,11 @@ class ShotHandlers:
             raise Refusal(412, str(error)) from error
         status = session.status
         return _send(asdict(status), {"ETag": f'"{status.revision}"'})
+
+
+def _name_version(opened: OpenShot) -> str:
+    """Name what a run folder holds now; addresses of images that a browser may keep have it as `version`."""
+    return opened.digest[:16]
 
 
 def _send(document: Mapping[str, Any], headers: Mapping[str, str] | None = None) -> Response:

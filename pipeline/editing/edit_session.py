@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Literal
 
 from models.core.corrections import Corrections
@@ -220,17 +221,17 @@ class EditSession:
                 wanted, self._wanted = self._wanted, ""
                 revision, before, options = self._file.revision, self._run, self._options
                 corrections = self._file.corrections
-            watcher = _SessionWatcher(self._note_progress)
+            watcher = _SessionWatcher(partial(self._note_progress, revision))
             try:
+                if wanted == "tables" or self._result != revision:
+                    run = self._run_tables(watcher, options, revision)
+                    view = describe_run(run, before, corrections)
+                    self._show((run, view), revision)
                 if wanted == "all":
                     shot = self._read_shot(watcher)
                     run_clip(self.edited.path, self.edited.folder, options, self._cache, watcher, shot=shot)
                     self._notice = ""
                     self._show(None, revision)
-                else:
-                    run = self._run_tables(watcher, options, revision)
-                    view = describe_run(run, before, corrections)
-                    self._show((run, view), revision)
             except SupersededError:
                 continue
             except Exception as error:  # no error of a run may end the session
@@ -278,10 +279,10 @@ class EditSession:
                 self._error = sentence
         self._on_change()
 
-    def _note_progress(self, stage: str, share: float) -> None:
-        """Note the progress of the run; stop it if it is out of date."""
+    def _note_progress(self, revision: int, stage: str, share: float) -> None:
+        """Note the progress of the run of a revision; stop it if it is out of date."""
         with self._lock:
-            if self._is_closed or self._wanted == "tables":
+            if self._is_closed or self._file.revision != revision:
                 self._stage = ""
                 raise SupersededError
             self._stage, self._share = stage, share

@@ -49,12 +49,11 @@ class EditedClip:
         return self.path.name if self.first is None else f"{self.path.name}, {self.folder.name}"
 
 
-def find_edited_clip(target: Path, out: Path | None) -> EditedClip:
+def find_edited_clip(target: Path) -> EditedClip:
     """Find the clip and the run folder to edit.
 
     Args:
         target: A run folder, or a clip.
-        out: Folder of the run of a clip; None for the default.
 
     Returns:
         Clip and folder.
@@ -65,7 +64,7 @@ def find_edited_clip(target: Path, out: Path | None) -> EditedClip:
     if not target.is_dir() or not (target / SOURCE_FILE).exists():
         if target.is_dir() and not any(target.glob("*.png")):
             raise OptionError(f"A run folder or a clip was expected; {target} is neither: first do trueroll run CLIP")
-        return EditedClip(target, out if out is not None else default_run_folder(target), hash_clip(target))
+        return EditedClip(target, default_run_folder(target), hash_clip(target))
     if holds_rally(target):
         raise OptionError(f"{target} holds a rally; corrections by hand are for shots of billiards so far")
     return find_run_clip(target)

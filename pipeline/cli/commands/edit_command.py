@@ -35,7 +35,7 @@ def edit(
 
     if cache is not None:
         os.environ[CACHE_VARIABLE] = str(cache.absolute())  # also for the processes that the page starts
-    edited = find_edited_clip(target, None)
+    edited = find_edited_clip(target)
     library = ShotLibrary(edited.folder.parent, depth=1)
     is_new = edited.path == target and library.read_clip(edited.folder) != target.absolute()
     if is_new:

@@ -39,6 +39,10 @@ FOREIGN = """return performance.getEntriesByType("resource").map((one) => one.na
 """Script: addresses of other machines that the page asked."""
 
 
+ASKED = """return performance.getEntriesByType("resource").filter((one) => one.name.endsWith("/ask")).length"""
+"""Script: how many questions the page has asked."""
+
+
 @pytest.fixture(scope="module")
 def browser() -> Iterator[webdriver.Chrome]:
     with open_chromium() as opened:
@@ -100,7 +104,10 @@ def read_library(server: AppServer) -> list[dict[str, Any]]:
 def test_a_visitor_goes_from_a_clip_to_answers_corrections_and_a_comparison(
     browser: webdriver.Chrome, own_home: Home, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    import pipeline.app.shot_routes as shot_routes
+
     monkeypatch.setenv("TRUEROLL_CACHE", str(own_home.cache))
+    monkeypatch.setattr(shot_routes, "write_share_clip", lambda *given: given[-1].write_bytes(b"a clip"))
     library = tmp_path / "library"
     library.mkdir()
     visitor = Visitor(browser)
@@ -144,11 +151,15 @@ def test_a_visitor_goes_from_a_clip_to_answers_corrections_and_a_comparison(
         visitor.click("#tab-correct")
         visitor.click("#balls button", names[0])
         other = next(one for one in document["run"]["classes"] if one != document["run"]["balls"][0]["kind"])
+        asked = browser.execute_script(ASKED)
         visitor.click(f"#selection [data-class={other}]")
         clip = next((library / "clips").glob("*.mp4"))
         visitor.wait(lambda: read_corrections(clip).corrections.tracks)
         assert read_corrections(clip).corrections.tracks[0].name == other
         visitor.wait(lambda: ask_app(server, "GET", f"api/shots/{shot}/status")["result"] == 1)
+        version = ask_app(server, "GET", f"api/shots/{shot}")["version"]
+        visitor.wait(lambda: version in str(visitor.find("#frame").get_attribute("src")))
+        visitor.wait(lambda: browser.execute_script(ASKED) > asked)  # the answer is that of the corrected shot
         visitor.click("#events button", "touch")
         visitor.click("#selection [data-action=delete]")
         visitor.wait(lambda: read_corrections(clip).corrections.contacts)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import json
 import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
+from weakref import ref
 
 import numpy as np
 import pytest
@@ -20,6 +23,9 @@ from support.carom_start import SLOW, Home
 import pipeline.app.open_shots as open_shots
 import trueroll
 from models.core.shot import Shot
+from pipeline.app.shot_document import describe_shot
+from pipeline.app.shot_library import ShotLibrary
+from pipeline.editing.edited_clip import EditedClip
 from pipeline.io.saved_shot import read_shot
 
 NAME = "start"
@@ -305,5 +311,58 @@ def test_a_shot_that_was_run_again_is_read_again_and_few_are_kept(tmp_path: Path
     for folder in folders:
         desk.open(page.visitor.library.identify(folder))
     assert len(desk._shots) == open_shots.KEPT_SHOTS
+    watched = ref(desk.open(page.id))
+    describe_shot(desk.open(page.id), None)
+    for folder in folders[1:]:
+        desk.open(page.visitor.library.identify(folder))
+    del first
+    gc.collect()
+    assert watched() is None
     desk.close()
     page.close()
+
+
+class IdleSession:
+    """Stands in for a session of corrections."""
+
+    is_outdated = False
+
+    def __init__(self, edited: EditedClip, *_: object) -> None:
+        self.edited = edited
+        self.status = SimpleNamespace(stage="")
+        self.is_closed = False
+
+    def close(self) -> None:
+        self.is_closed = True
+
+
+def test_the_sessions_that_were_not_used_for_longest_are_closed_unless_they_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(open_shots, "EditSession", IdleSession)
+    for name in "abcdef":
+        (tmp_path / "library" / name).mkdir(parents=True)
+        save_still(tmp_path / "library" / name)
+    library = ShotLibrary(tmp_path / "library")
+    desk = open_shots.ShotDesk(library)
+    shots = [library.identify(tmp_path / "library" / name) for name in "abcdef"]
+    sessions: list[Any] = [desk.open_session(shot) for shot in shots[: open_shots.KEPT_SHOTS]]
+    assert not any(one.is_closed for one in sessions)
+    desk.open_session(shots[0])
+    sessions[1].status.stage = "explain"
+    for shot in shots[open_shots.KEPT_SHOTS :]:
+        desk.open_session(shot)
+    assert [one.is_closed for one in sessions] == [False, False, True, True]
+    desk.close()
+
+
+def test_images_that_a_browser_keeps_have_other_addresses_after_a_change(page: ShotPage, tmp_path: Path) -> None:
+    before = page.get()["version"]
+    assert f"version={before}" in page.post("/ask", question="first")["picture"]
+    shutil.copytree(page.folder, tmp_path / "library" / NAME)
+    other = ShotPage(tmp_path / "library")
+    source = other.folder / "source.json"
+    assert other.get()["version"] == before
+    source.write_text(source.read_text() + "\n")
+    assert other.get()["version"] != before
+    other.close()

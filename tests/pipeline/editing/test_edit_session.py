@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,8 @@ from support.edit_sessions import SHOWN_TABLES, open_synthetic_session, wait_for
 
 from models.core.corrections import Corrections
 from pipeline.chain import write_source
+from pipeline.editing import edit_session
+from pipeline.engine.stage_graph import RunWatcher
 from pipeline.io.corrections_file import (
     SCHEMA,
     CorrectionsFile,
@@ -38,6 +41,36 @@ def test_a_correction_beats_the_option_that_the_editor_started_with(name: str, t
         wait_for_result(session)
     expected = "20,20,220,20,220,120,20,120" if name == "corners" else RIGHT[name]
     assert [read_settings(one)[name] for one, _ in runs] == [WRONG[name], expected]
+
+
+def test_all_files_of_a_new_correction_are_written_after_its_result_is_shown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written: list[str | None] = []
+    superseded = threading.Event()
+
+    def run_clip(
+        path: Path, folder: Path, options: RunOptions, cache: object, watcher: RunWatcher, **_: object
+    ) -> None:
+        written.append(read_corrections(path).corrections.fps)
+        if len(written) == 1:
+            with session._lock:
+                session.change(Corrections(fps="30"), 1)
+                session.finish()
+            try:
+                watcher.start_stage("report")
+            except edit_session.SupersededError:
+                superseded.set()
+                raise
+
+    monkeypatch.setattr(edit_session, "run_clip", run_clip)
+    with open_synthetic_session(tmp_path) as session:
+        with session._lock:  # before the worker begins
+            session.change(Corrections(fps="25"), 0)
+            session.finish()
+        assert superseded.wait(30.0)
+        assert wait_for_result(session, 30.0)["result"] == 2
+    assert written[0] == "25"
 
 
 def test_options_are_what_the_corrections_start_from(tmp_path: Path) -> None:

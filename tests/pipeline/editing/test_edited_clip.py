@@ -33,7 +33,7 @@ def make_run_folder(folder: Path, source: object, **scene: object) -> Path:
 def test_a_run_folder_names_its_clip(clip: Path, tmp_path: Path) -> None:
     digest = hash_clip(clip)
     folder = make_run_folder(tmp_path / "out", {"path": str(clip)}, clip={"sha256": digest})
-    assert find_edited_clip(folder, None) == EditedClip(clip, folder, digest)
+    assert find_edited_clip(folder) == EditedClip(clip, folder, digest)
 
 
 def test_the_settings_of_the_run_need_not_be_given_again(clip: Path, tmp_path: Path) -> None:
@@ -41,7 +41,7 @@ def test_the_settings_of_the_run_need_not_be_given_again(clip: Path, tmp_path: P
     (tmp_path / "out").mkdir()
     write_source(clip, tmp_path / "out", ran)
     (tmp_path / "out" / "scene.json").write_text(json.dumps({"scene": "billiards"}))
-    edited = find_edited_clip(tmp_path / "out", None)
+    edited = find_edited_clip(tmp_path / "out")
     assert dict(edited.settings) == {"corners": "1,2,30,4,30,20,3,19", "detector": "hough", "slow": 4}
     options = continue_run_options(edited, build_options({"detector": "onnx"}))
     assert (options.detect.detector, options.calibrate.corners) == ("onnx", "1,2,30,4,30,20,3,19")
@@ -51,27 +51,26 @@ def test_the_settings_of_the_run_need_not_be_given_again(clip: Path, tmp_path: P
 def test_settings_that_cannot_be_used_get_a_sentence(settings: object, clip: Path, tmp_path: Path) -> None:
     folder = make_run_folder(tmp_path / "out", {"path": str(clip), "settings": settings})
     with pytest.raises(OptionError, match=r"source\.json notes settings that cannot be used: "):
-        continue_run_options(find_edited_clip(folder, None), RunOptions())
+        continue_run_options(find_edited_clip(folder), RunOptions())
 
 
 def test_a_clip_gets_the_folder_of_a_run(clip: Path, tmp_path: Path) -> None:
-    assert find_edited_clip(clip, None).folder == Path("out/shot")
-    assert find_edited_clip(clip, tmp_path / "other").folder == tmp_path / "other"
+    assert find_edited_clip(clip).folder == Path("out/shot")
 
 
 def test_a_shot_of_a_recording_is_edited_by_itself(clip: Path, tmp_path: Path) -> None:
     folder = make_run_folder(tmp_path / "shot-002", {"path": str(clip), "first": 30, "stop": 90, "begins": 1.0})
-    edited = find_edited_clip(folder, None)
+    edited = find_edited_clip(folder)
     assert (edited.first, edited.stop, edited.name) == (30, 90, "shot.mp4, shot-002")
 
 
 def test_a_clip_that_was_moved_or_changed_gets_a_sentence(clip: Path, tmp_path: Path) -> None:
     folder = make_run_folder(tmp_path / "out", {"path": str(clip)}, clip={"sha256": "0" * 64})
     with pytest.raises(OptionError, match=f"{re.escape(str(clip))} has changed since .* was computed; run it again"):
-        find_edited_clip(folder, None)
+        find_edited_clip(folder)
     clip.unlink()
     with pytest.raises(OptionError, match=r"The clip of this run is no longer at .*shot\.mp4; move it back"):
-        find_edited_clip(folder, None)
+        find_edited_clip(folder)
 
 
 @pytest.mark.parametrize(
@@ -80,14 +79,14 @@ def test_a_clip_that_was_moved_or_changed_gets_a_sentence(clip: Path, tmp_path: 
 def test_a_malformed_source_gets_a_sentence(source: object, tmp_path: Path) -> None:
     folder = make_run_folder(tmp_path / "out", source)
     with pytest.raises(OptionError, match=r"source\.json does not name the clip of the run; run it again"):
-        find_edited_clip(folder, None)
+        find_edited_clip(folder)
 
 
 def test_whatever_else_is_no_run(tmp_path: Path) -> None:
     with pytest.raises(OptionError, match=r"A run folder or a clip was expected; .* is neither: first do trueroll run"):
-        find_edited_clip(tmp_path, None)
+        find_edited_clip(tmp_path)
     with pytest.raises(ClipError, match="does not exist"):
-        find_edited_clip(tmp_path / "missing.mp4", None)
+        find_edited_clip(tmp_path / "missing.mp4")
 
 
 def test_images_of_frames_are_freed_with_the_shot_that_they_belong_to(tmp_path: Path) -> None:

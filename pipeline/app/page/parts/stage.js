@@ -65,7 +65,7 @@ function FrameImage({ shot }) {
   const { distinct } = shot.player.frames;
   const frame = distinct[row];
   useEffect(() => {
-    for (let k = 1; k <= AHEAD; k += 1) if (distinct[row + k] !== undefined) new Image().src = shot.address(`frame/${distinct[row + k]}`);
+    for (let k = 1; k <= AHEAD; k += 1) if (distinct[row + k] !== undefined) new Image().src = shot.frameAddress(distinct[row + k]);
   }, [row]);
-  return html`<img id="frame" src=${shot.address(`frame/${frame}`)} alt=${text.stage.frame(frame)} draggable=${false} />`;
+  return html`<img id="frame" src=${shot.frameAddress(frame)} alt=${text.stage.frame(frame)} draggable=${false} />`;
 }

@@ -51,6 +51,8 @@ export class ShotModel {
   }
 
   address(rest) { return shotAddress(this.id, rest); }
+  /** Address of a frame, which the browser keeps as long as the run folder is as it was. */
+  frameAddress(frame) { return this.address(`frame/${frame}?version=${this.doc.version}`); }
 
   noteChange() {
     const count = shotChanges.get()[this.id] ?? 0;
@@ -94,8 +96,8 @@ export class ShotModel {
     this.desk.set(changed);
     this.state.set({ doc, error: "", status: doc.outputs === undefined ? this.state.get().status : doc });
     if (doc.notice && doc.notice !== before?.notice) notify(doc.notice);
-    const isNew = before?.result !== doc.result && doc.kind === "shot" && doc.run;
-    if (isNew && !this.desk.get().bodies.length) this.ask({ question: "first" });
+    const isNew = before?.result !== doc.result || before?.version !== doc.version;
+    if (isNew && (doc.run || this.desk.get().answer)) this.askAgain();
     if (!this.isUpToDate || doc.stage) this.follow();
   }
 
@@ -158,6 +160,15 @@ export class ShotModel {
     } finally {
       this.desk.set({ isAsking: false });
     }
+  }
+
+  /** Ask the last question again, or the first one where there is none, or where it is about a ball that has gone. */
+  askAgain() {
+    const { answer, bodies } = this.desk.get();
+    const ids = this.run ? ["", ...this.listBodies().map((body) => body.id)] : null;
+    const isKnown = ({ a = "", b = "" }) => !ids || ids.includes(a) && ids.includes(b);
+    if (ids && !bodies.every((body) => ids.includes(body.id))) this.desk.set({ bodies: [] });
+    return this.ask(answer && isKnown(answer.asked) ? answer.asked : { question: "first" });
   }
 
   /** Choose a body of the next question; two bodies, one of them a ball, are a question. @param {Body} body */
