@@ -17,7 +17,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from pipeline.app.refusals import Refusal
 
-LOOPBACK = "127.0.0.1"
+LOOPBACK, HTTP_PORT = "127.0.0.1", 80
 # s that a code of pairing and the session of a paired device last.
 CODE_S, SESSION_S = 300.0, 12 * 3600.0
 # Characters of a code, without those that look alike; 8 of them are 39 bits.
@@ -108,8 +108,10 @@ class _Allowance:
         """Take one request, if there is one."""
         now = time.monotonic()
         self.left, self.at = min(BURST, self.left + RATE_HZ * (now - self.at)), now
-        self.left -= self.left >= 1
-        return self.left >= 1
+        if self.left < 1:
+            return False
+        self.left -= 1
+        return True
 
 
 class AccessGuard:
@@ -142,7 +144,9 @@ class AccessGuard:
         headers = Headers(scope=scope)
         host, port = scope["server"]
         is_local = host == LOOPBACK
-        hosts = {f"{name}:{port}" for name in ((LOOPBACK, "localhost") if is_local else (host,))}
+        names = (LOOPBACK, "localhost") if is_local else (host,)
+        # A browser does not state the standard port.
+        hosts = {f"{name}{end}" for name in names for end in ((f":{port}", "") if port == HTTP_PORT else (f":{port}",))}
         if headers.getlist("host") == [] or not hosts.issuperset(headers.getlist("host")):
             raise Refusal(400, "This server answers to its own address only.")
         device = "" if is_local else str(scope["client"][0])
@@ -151,7 +155,7 @@ class AccessGuard:
         if scope["path"] == "/pair" and device and scope["method"] == "GET":
             codes = parse_qs(scope["query_string"].decode("latin-1")).get("code", [""])
             return RedirectResponse(f"/{self._keys.pair(codes[0], device)}/", 303)
-        if not self._keys.admits(scope["path"].split("/")[1], device):
+        if not self._keys.admits(scope["path"].partition("/")[2].partition("/")[0], device):
             raise Refusal(404, "There is nothing at this address.")
         is_change = scope["method"] not in ("GET", "HEAD")
         if is_change and headers.get("origin", f"http://{headers['host']}") != f"http://{headers['host']}":

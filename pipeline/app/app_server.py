@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import json
 import socket
 import threading
@@ -28,7 +29,7 @@ from models.core.errors import OptionError, TruerollError
 from pipeline.app.access_guard import CODE_S, LOOPBACK, AccessGuard, AccessKeys
 from pipeline.app.job_queue import JobQueue
 from pipeline.app.refusals import Refusal, read_json_body
-from pipeline.app.shot_library import FILE_TYPES, ShotLibrary
+from pipeline.app.shot_library import FILE_TYPES, RELOAD, ShotLibrary
 from pipeline.app.uploads import MAX_UPLOAD_BYTES, UploadDesk
 from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.terminal.command_line import print_note
@@ -301,7 +302,10 @@ class LibraryHandlers:
     async def send_thumbnail(self, request: Request) -> Response:
         """Send the small image of a card."""
         content = await run_in_threadpool(self._library.read_thumbnail, request.path_params["id"])
-        return Response(content, media_type="image/jpeg", headers={"Cache-Control": "private, max-age=60"})
+        headers = {"Cache-Control": "private, no-cache", "ETag": f'"{hashlib.sha256(content).hexdigest()[:16]}"'}
+        if request.headers.get("if-none-match") == headers["ETag"]:
+            return Response(status_code=304, headers=headers)
+        return Response(content, media_type="image/jpeg", headers=headers)
 
     async def send_file(self, request: Request) -> Response:
         """Send a file of a run, or a part of it."""
@@ -367,9 +371,11 @@ class LibraryHandlers:
 
     async def delete(self, request: Request) -> Response:
         """Move a shot to the trash."""
-        if request.path_params["id"] in self._queue.list_running():
-            raise Refusal(409, "This shot is being computed; cancel that first.")
-        return JSONResponse({"undo": await run_in_threadpool(self._library.delete, request.path_params["id"])})
+        return JSONResponse({"undo": await run_in_threadpool(self._delete, request.path_params["id"])})
+
+    def _delete(self, shot: str) -> str:
+        self._queue.require_idle(shot)
+        return self._library.delete(shot)
 
     async def restore(self, request: Request) -> Response:
         """Restore a shot from the trash."""
@@ -393,7 +399,7 @@ class LibraryHandlers:
             if waiting.full():  # this page asks for everything again
                 while not waiting.empty():
                     waiting.get_nowait()
-                message = {"type": "library", "revision": self._library.revision}
+                message = RELOAD
             waiting.put_nowait(message)
 
         def listen(message: dict[str, Any]) -> None:

@@ -18,14 +18,16 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from filelock import FileLock, Timeout
 
 from pipeline.app.refusals import Refusal
-from pipeline.app.shot_library import CLIP_FOLDER, ShotLibrary
+from pipeline.app.shot_library import CLIP_FOLDER, RELOAD, ShotLibrary
 from pipeline.engine.atomic_write import remove_leftovers, write_text
+from pipeline.terminal.command_line import print_note
 
 if TYPE_CHECKING:
     from pipeline.batch.supervision import SupervisedProcess
@@ -43,6 +45,8 @@ RUN_SETTINGS = {"quick": True}
 OPEN_STATES, ENDED_STATES = ("waiting", "checking", "running"), ("done", "failed", "cancelled")
 UNKNOWN_CHECK: dict[str, Any] = {"level": "", "sentences": []}
 CHECK_LEVELS = {"go": "good", "doubts": "usable", "no-go": "bad"}
+
+V = TypeVar("V")
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +91,7 @@ class JobQueue:
         self._is_closed = False
         self._running = ""
         self._process: SupervisedProcess | None = None
+        self._closing: threading.Thread | None = None
         self._threads: list[threading.Thread] = []
 
     def start(self) -> None:
@@ -116,6 +121,15 @@ class JobQueue:
         """List the ids of the cards whose folders are being written."""
         with self._change:
             return {self._identify(job) for job in self._jobs.values() if job.state == "running"}
+
+    def require_idle(self, shot: str) -> None:
+        """Require that no job that is open writes to the folder of a card, or around or within it; raises Refusal."""
+        folder = self._library.find_folder(shot)
+        with self._change:
+            self._poll()
+            busy = [self._library.root / job.folder for job in self._jobs.values() if job.state in OPEN_STATES]
+        if any(one.is_relative_to(folder) or folder.is_relative_to(one) for one in busy):
+            raise Refusal(409, "This shot is being computed, or will be; cancel that first.")
 
     def _describe_job(self, job: Job) -> dict[str, Any]:
         """Describe a job for the page."""
@@ -194,7 +208,11 @@ class JobQueue:
             old = self._find(job)
             if old.state in OPEN_STATES:
                 raise Refusal(409, "This is not finished; cancel it first.")
-            if old.state != "done" and Path(old.clip).parent == self._library.clips and not self._has_card(old):
+            self._library.refresh()
+            is_needed = self._has_card(old) or any(
+                one.clip == old.clip and one.id != old.id for one in self._jobs.values()
+            )
+            if old.state != "done" and Path(old.clip).parent == self._library.clips and not is_needed:
                 Path(old.clip).unlink(missing_ok=True)
             self._remove(old)
 
@@ -239,6 +257,9 @@ class JobQueue:
     def _remove(self, job: Job) -> None:
         for suffix in (".jpg", ".json"):
             (self._home / f"{job.id}{suffix}").unlink(missing_ok=True)
+        if job.arguments:
+            with suppress(OSError):  # it holds results
+                (self._library.root / job.folder).rmdir()
 
     def _has_card(self, job: Job) -> bool:
         return self._library.has_card(self._identify(job))
@@ -270,9 +291,11 @@ class JobQueue:
                 self._jobs[job] = read
                 self._library.announce(type="job", **self._describe_job(read))
         if before.keys() - states.keys():
-            self._library.announce(type="library", revision=self._library.revision)
-        if self._running and self._is_stopped(self._running) and self._process is not None:
-            self._process.close()
+            self._library.announce(**RELOAD)
+        is_closing = self._closing is not None and self._closing.is_alive()
+        if self._running and self._is_stopped(self._running) and self._process is not None and not is_closing:
+            self._closing = threading.Thread(target=self._process.close, daemon=True)  # it takes s, under a lock
+            self._closing.start()
         if before != states:
             self._change.notify_all()
 
@@ -287,15 +310,29 @@ class JobQueue:
         self._threads.append(thread)
         thread.start()
 
+    def _insist(self, action: Callable[[], V]) -> V | None:
+        """Take an action again until no error, such as that of a full disk, prevents it; None at the end."""
+        shown = ""
+        while True:
+            try:
+                return action()
+            except Exception as fault:  # no error may stop the queue
+                sentence = f"The queue of clips waits: {type(fault).__name__}: {fault}"
+                if sentence != shown:
+                    print_note(sentence)
+                shown = sentence
+            with self._change:
+                if self._change.wait_for(lambda: self._is_closed, POLL_S):
+                    return None
+
     def _watch(self) -> None:
         """Follow what other servers do, and work on the queue as soon as none of them does."""
         while not self._is_closed:
-            with self._change:
-                self._poll()
+            self._insist(self.describe)
             if not self._worker_lock.is_locked:
                 with suppress(Timeout):
                     self._worker_lock.acquire(timeout=0)
-                    self._take_up()
+                    self._insist(self._take_up)
                     self._start_thread(self._work)
                     self._start_thread(self._check_clips)
             with self._change:
@@ -328,22 +365,26 @@ class JobQueue:
 
         self._process = SupervisedProcess()
         self._process.prepare()
-        while (job := self._take_next(_is_runnable, state="running")) is not None:
+        while (job := self._insist(partial(self._take_next, _is_runnable, state="running"))) is not None:
             self._running = job.id
             try:
                 error = self._run_clip(job) if job.clip else self._run_command(job)
             except Exception as fault:  # no job may stop the queue
                 error = f"{job.name} failed by a fault of the program ({type(fault).__name__}: {fault})"
             self._running = ""
-            self._library.announce_changes()
-            if self._is_closed:
-                self._update(job.id, ("running",), state="waiting", stage="", share=0.0)
-            elif self._update(job.id, ("running",), state="failed" if error else "done", error=error or "",
-                              stage="", ended=time.time()) is None:  # fmt: skip
+            if self._insist(partial(self._conclude, job, error)) is False and not self._is_closed:
                 self._process.close()  # it was cancelled
                 self._process = SupervisedProcess()
                 self._process.prepare()
         self._process.close()
+
+    def _conclude(self, job: Job, error: str) -> bool:
+        """Note how a job has ended; return whether it was still wanted."""
+        self._library.announce_changes()
+        changes: dict[str, Any] = {"state": "failed" if error else "done", "error": error, "ended": time.time()}
+        if self._is_closed:
+            changes = {"state": "waiting", "share": 0.0}
+        return self._update(job.id, ("running",), stage="", **changes) is not None
 
     def _run_clip(self, job: Job) -> str:
         """Run a clip; return why it failed, or nothing."""
@@ -362,8 +403,9 @@ class JobQueue:
             elif "stage" in message:
                 share = message["share"]  # NaN where a stage cannot tell
                 changes = {"stage": message["stage"], "share": share if math.isfinite(share) else 0.0}
-            if changes and self._update(job.id, ("running",), **changes) is not None and "share" not in changes:
-                self._library.announce_changes()
+            with suppress(OSError):  # progress that cannot be noted, as on a full disk, does not fail the clip
+                if changes and self._update(job.id, ("running",), **changes) is not None and "share" not in changes:
+                    self._library.announce_changes()
 
         assert self._process is not None
         row = self._process.run(
@@ -374,17 +416,25 @@ class JobQueue:
 
     def _run_command(self, job: Job) -> str:
         """Run a command; return why it failed, or nothing."""
-        _, error = run_trueroll(job.arguments, COMMAND_LIMIT_S, lambda: self._is_stopped(job.id))
+        status, _, error = run_trueroll(job.arguments, COMMAND_LIMIT_S, lambda: self._is_stopped(job.id))
         self._library.announce_changes()
-        return "" if self._has_card(job) else error or "The command wrote no result."
+        return "" if status == 0 and self._has_card(job) else error or "The command wrote no result."
 
     def _check_clips(self) -> None:
         """Check how clips are filmed, one after another, beside what runs."""
-        while (job := self._take_next(_is_unchecked, check=UNKNOWN_CHECK)) is not None:
-            self._update(job.id, ("waiting",), state="checking")
-            output, error = run_trueroll(("check", "--json", job.clip), CHECK_LIMIT_S, lambda: self._is_closed, 10)
-            self._update(job.id, ("waiting", "checking", "running"), check=_parse_check(output, error))
-            self._update(job.id, ("checking",), state="waiting")
+        while (job := self._insist(partial(self._take_next, _is_unchecked, check=UNKNOWN_CHECK))) is not None:
+            self._insist(partial(self._check_clip, job))
+
+    def _check_clip(self, job: Job) -> None:
+        """Check how a clip is filmed; a check that was stopped begins again when the clip is wanted again."""
+
+        def is_stopped() -> bool:
+            return self._is_closed or job.id not in self._jobs or self._jobs[job.id].state not in OPEN_STATES
+
+        self._update(job.id, ("waiting",), state="checking")
+        result = run_trueroll(("check", "--json", job.clip), CHECK_LIMIT_S, is_stopped, 10)
+        self._update(job.id, OPEN_STATES + ENDED_STATES, check=None if is_stopped() else _parse_check(*result))
+        self._update(job.id, ("checking",), state="waiting")
 
 
 def _make_id() -> str:
@@ -421,17 +471,17 @@ def _measure_change(image: Path) -> int:
     return 0
 
 
-def _parse_check(output: str, error: str) -> dict[str, Any]:
-    """Parse what `trueroll check --json` printed; a clip that it refuses is bad."""
+def _parse_check(status: int | None, output: str, error: str) -> dict[str, Any]:
+    """Parse what `trueroll check --json` printed; a clip that it refuses is bad, and one that takes long is not."""
     with suppress(ValueError, KeyError, TypeError):
         document = json.loads(output)
         return {"level": CHECK_LEVELS[document["verdict"]], "sentences": list(document["sentences"])}
-    return {"level": "bad", "sentences": [error or "This clip could not be checked."]}
+    return {"level": "" if status is None else "bad", "sentences": [error or "This clip could not be checked."]}
 
 
 def run_trueroll(
     arguments: Sequence[str], limit_s: float, is_stopped: Callable[[], bool], niceness: int = 0
-) -> tuple[str, str]:
+) -> tuple[int | None, str, str]:
     """Run a command of trueroll in a process of its own, which ends with this function.
 
     Args:
@@ -441,7 +491,7 @@ def run_trueroll(
         niceness: How much the process gives way to others.
 
     Returns:
-        Its output, and its last sentence on standard error.
+        Its exit status, its output, and its last sentence on standard error; the status is None if it was stopped.
     """
     root = str(Path(__file__).resolve().parents[2])
     start = f"import sys; sys.path.insert(0, {root!r}); from pipeline.cli.main import main; main()"
@@ -468,4 +518,5 @@ def run_trueroll(
         output.seek(0)
         errors.seek(0)
         last = errors.read().decode("utf-8", "replace").strip().rpartition("\n")[2].removeprefix("trueroll: ")
-        return output.read().decode("utf-8", "replace"), sentence or last
+        status = None if sentence else process.returncode
+        return status, output.read().decode("utf-8", "replace"), sentence or last

@@ -77,6 +77,8 @@ class Card:
         return {name: getattr(self, name) for name in CARD_FIELDS}
 
 
+# Message that lets all pages read the library again, also where no card has changed.
+RELOAD: dict[str, Any] = {"type": "library", "revision": None}
 CARD_FIELDS = tuple(one.name for one in fields(Card))
 
 
@@ -268,23 +270,27 @@ class ShotLibrary:
 
     def restore(self, token: str) -> None:
         """Restore what `delete` moved to the trash; raises Refusal."""
-        home, entry = next(((home, entry) for home, entry in self._list_trash() if home.name == token), (None, {}))
-        if home is None:
-            raise Refusal(404, "This is no longer in the trash.")
-        folder = self.root / entry["folder"]
-        if folder.exists():
-            raise Refusal(409, f"There is a new folder {entry['folder']}; rename it first.")
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        if "clip" in entry and (home / "clip").exists() and not (self.clips / entry["clip"]).exists():
-            (home / "clip").rename(self.clips / entry["clip"])
-        (home / "folder").rename(folder)
-        shutil.rmtree(home, ignore_errors=True)
+        with self._lock:
+            home, entry = next(((home, entry) for home, entry in self._list_trash() if home.name == token), (None, {}))
+            if home is None:
+                raise Refusal(404, "This is no longer in the trash.")
+            moves = {home / "folder": self.root / entry["folder"]}
+            if (home / "clip").exists():  # else a server was killed after it had moved it
+                moves = {home / "clip": self.clips / entry["clip"]} | moves
+            for place in moves.values():
+                if place.exists():
+                    what = "folder" if place.is_dir() else "clip"
+                    raise Refusal(409, f"There is a new {what} {place.relative_to(self.root)}; rename it first.")
+            for source, place in moves.items():
+                place.parent.mkdir(parents=True, exist_ok=True)
+                source.rename(place)
+            shutil.rmtree(home, ignore_errors=True)
         self.announce_changes()
 
     def empty_trash(self) -> None:
         """Delete what is in the trash for good."""
         shutil.rmtree(self.own / "trash", ignore_errors=True)
-        self.announce(type="library", revision=self.revision)
+        self.announce(**RELOAD)
 
     def announce_changes(self) -> None:
         """Tell the pages of changes on disk, if there are any."""

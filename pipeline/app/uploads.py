@@ -28,7 +28,8 @@ RESERVED_BYTES = 1_000_000_000
 MAX_AT_ONCE, MAX_PER_HOUR = 64, 200
 # Bytes at the start of a file that decide whether it is a video: two packets of an MPEG transport stream.
 HEADER_BYTES = 400
-MAX_NAME_LENGTH = 120
+# Of a name without its suffix: a file system takes 255, and files beside the clip have longer names.
+MAX_NAME_BYTES = 180
 
 
 class UploadDesk:
@@ -114,7 +115,7 @@ def check_name(name: str) -> str:
     stem, dot, suffix = clean.rpartition(".")
     if not stem or not dot or not suffix.isalnum() or len(suffix) > 8:
         raise Refusal(422, "The name of a video file was expected, such as shot.mp4.")
-    return f"{stem[:MAX_NAME_LENGTH].strip()}.{suffix}"
+    return f"{stem.encode()[:MAX_NAME_BYTES].decode(errors='ignore').strip()}.{suffix}"
 
 
 def require_video_header(header: bytes) -> None:

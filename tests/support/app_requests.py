@@ -65,7 +65,7 @@ class Visitor:
         content = iter(parts if parts is not None and not isinstance(body, dict) else [json.dumps(body).encode()])
         reply, is_over = Reply(), False
         host = NETWORK if device else "127.0.0.1"
-        target = path if path.startswith("/") else f"/{self.keys.token}/{path}"
+        target = path if path.startswith(("/", "*")) else f"/{self.keys.token}/{path}"
         place, _, query = target.partition("?")
         named = {"host": f"{host}:{PORT}"} | {key.replace("_", "-"): value for key, value in headers.items()}
         scope = {

@@ -12,9 +12,11 @@ import tracemalloc
 from collections.abc import Iterator
 from pathlib import Path
 from random import Random
+from types import SimpleNamespace
 from urllib.parse import quote
 
 import pytest
+from support import app_requests
 from support.app_requests import MP4_HEADER, THUMBNAIL, Reply, Visitor, list_tree, write_run
 from support.carom_start import run_program
 
@@ -54,7 +56,10 @@ def test_the_page_and_its_library_are_served(visitor: Visitor) -> None:
     assert [card["name"] for card in listing["shots"]] == ["break"]
     assert listing["local"]
     shot = find_shot(visitor)
-    assert visitor.ask("GET", f"api/shots/{shot}/thumbnail").body == THUMBNAIL
+    image = visitor.ask("GET", f"api/shots/{shot}/thumbnail")
+    assert image.body == THUMBNAIL
+    again = visitor.ask("GET", f"api/shots/{shot}/thumbnail", if_none_match=image.headers["etag"])
+    assert (again.status, again.body) == (304, b"")
     part = visitor.ask("GET", f"api/shots/{shot}/file/slow.mp4", range="bytes=3-5")
     assert (part.status, part.body) == (206, bytes([3, 4, 5]))
     report = visitor.ask("GET", f"api/shots/{shot}/file/report.html")
@@ -66,6 +71,9 @@ def test_deleting_and_undoing_are_two_requests(visitor: Visitor) -> None:
     assert visitor.ask("GET", "api/library").document["shots"] == []
     assert visitor.ask("POST", f"api/trash/{undo}/restore").status == 200
     assert len(visitor.ask("GET", "api/library").document["shots"]) == 1
+    visitor.queue.add_command("Comparison", ["compare"], visitor.library.root / "break" / "again")
+    refusal = visitor.ask("DELETE", f"api/shots/{find_shot(visitor)}")
+    assert (refusal.status, refusal.sentence) == (409, "This shot is being computed, or will be; cancel that first.")
 
 
 def test_only_who_has_the_address_gets_anything(visitor: Visitor, tmp_path: Path) -> None:
@@ -140,6 +148,11 @@ def test_an_upload_lands_among_the_clips_whatever_it_is_called(trick: str, visit
     assert visitor.ask("POST", f"api/clips?name={quote(trick)}.mp4", MP4_HEADER).status in (201, 422)
     new = [name for name in set(list_tree(tmp_path)) - before if "/.trueroll-app/" not in name]
     assert all(re.fullmatch(r"library/clips/[^/]+\.mp4", name) for name in new)
+
+
+def test_a_long_name_is_cut_to_what_a_file_system_takes(visitor: Visitor, tmp_path: Path) -> None:
+    assert visitor.ask("POST", f"api/clips?name={quote('台' * 120)}.mp4", MP4_HEADER).status == 201
+    assert [path.name for path in (tmp_path / "library" / "clips").iterdir()] == ["台" * 60 + ".mp4"]
 
 
 PIECES = ("api", "shots", "library", "clips", "paths", "jobs", "trash", "restore", "file", "slow.mp4", "lan", "code",
@@ -329,12 +342,29 @@ def test_a_phone_uploads_and_corrects_but_names_no_paths(visitor: Visitor, tmp_p
 def test_a_device_that_asks_too_often_waits_and_others_do_not(
     visitor: Visitor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    now = time.monotonic()
+    clock = SimpleNamespace(monotonic=lambda: now)
     monkeypatch.setattr(access_guard, "BURST", 5.0)
-    monkeypatch.setattr(access_guard, "RATE_HZ", 0.0)
-    replies = [visitor.ask("GET", "/x/", device=PHONE).status for _ in range(400)]
-    assert 429 in replies
+    monkeypatch.setattr(access_guard, "time", clock)
+    replies = []
+    for _ in range(200):  # 5 s
+        now += 1 / 40
+        replies.append(visitor.ask("GET", "/x/", device=PHONE).status)
+    assert set(replies) == {404, 429}
+    assert replies[80:].count(404) == pytest.approx(3 * access_guard.RATE_HZ, abs=2)
     assert visitor.ask("GET", "/x/", device=OTHER_PHONE).status == 404
     assert visitor.ask("GET", "api/library").status == 200
+
+
+def test_a_request_about_the_whole_server_is_answered(visitor: Visitor) -> None:
+    reply = visitor.ask("OPTIONS", "*")
+    assert (reply.status, "content-security-policy" in reply.headers) == (404, True)
+
+
+def test_the_standard_port_need_not_be_named(visitor: Visitor, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(app_requests, "PORT", 80)
+    for host, status in (("127.0.0.1", 200), ("localhost:80", 200), ("127.0.0.1:8000", 400), ("evil.example", 400)):
+        assert visitor.ask("GET", "api/library", host=host).status == status
 
 
 def test_nothing_is_paired_without_the_option(visitor: Visitor, tmp_path: Path) -> None:
@@ -367,7 +397,7 @@ def test_pages_are_told_what_happens_also_while_much_happens(
         return messages
 
     messages = asyncio.run(asyncio.wait_for(listen(), 60.0))
-    assert messages[0]["type"] == "library"
+    assert messages[0] == {"type": "library", "revision": None}  # the page reads it, whatever it has
     assert {"type": "job", "id": "busy"} in messages
     assert visitor.library.listeners == []
 

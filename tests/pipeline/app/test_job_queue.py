@@ -62,7 +62,7 @@ def runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[type[FakeP
     FakeProcess.jobs, FakeProcess.hold = [], threading.Event()
     FakeProcess.hold.set()
     monkeypatch.setattr(supervision, "SupervisedProcess", FakeProcess)
-    monkeypatch.setattr(job_queue, "run_trueroll", lambda *rest: ('{"verdict": "go", "sentences": ["Go."]}', ""))
+    monkeypatch.setattr(job_queue, "run_trueroll", lambda *rest: (0, '{"verdict": "go", "sentences": ["Go."]}', ""))
     monkeypatch.setattr(job_queue, "POLL_S", 0.02)
     monkeypatch.setenv("TRUEROLL_CACHE", str(tmp_path / "cache"))
     yield FakeProcess
@@ -220,12 +220,154 @@ def test_a_damaged_file_stops_nothing(text: str, tmp_path: Path) -> None:
 
 
 def test_a_command_of_the_program_runs_without_a_shell_and_can_be_stopped() -> None:
-    output, error = run_trueroll(("--version",), LONGEST_S, lambda: False)
+    status, output, error = run_trueroll(("--version",), LONGEST_S, lambda: False)
+    assert status == 0
     assert output.startswith("trueroll ")
     assert error == ""
-    assert run_trueroll(("call", "$(touch x); nowhere"), LONGEST_S, lambda: False)[1] != ""
+    status, _, error = run_trueroll(("call", "$(touch x); nowhere"), LONGEST_S, lambda: False)
+    assert (status, error != "") == (2, True)
     begins = time.monotonic()
-    assert run_trueroll(("--version",), LONGEST_S, lambda: True)[1] == "It was stopped."
-    assert run_trueroll(("--version",), 0.0, lambda: False)[1] == "It took more than 0 minutes."
+    assert run_trueroll(("--version",), LONGEST_S, lambda: True) == (None, "", "It was stopped.")
+    assert run_trueroll(("--version",), 0.0, lambda: False) == (None, "", "It took more than 0 minutes.")
     assert time.monotonic() - begins < LONGEST_S
     assert not os.path.exists("x")
+
+
+def test_a_full_disk_delays_the_queue_and_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plain, failed = job_queue.write_text, set[str]()
+
+    def write(path: Path, text: str) -> None:
+        document = json.loads(text)
+        change = "check" if document["check"] and document["check"]["level"] else document["state"]
+        if change not in ("waiting", *failed):
+            failed.add(change)
+            raise OSError(28, "No space left on device")
+        plain(path, text)
+
+    queue = JobQueue(ShotLibrary(tmp_path / "library"))
+    job = queue.add_clip(write_clip(tmp_path))["id"]
+    monkeypatch.setattr(job_queue, "write_text", write)
+    monkeypatch.setattr(queue, "_take_up", _raise_once(queue._take_up))
+    queue.start()
+    try:
+        wait_for(queue, job, state="done")
+    finally:
+        queue.close()
+    assert {"running", "done"} <= failed
+    assert "No space left on device" in capsys.readouterr().err
+
+
+def _raise_once(function: Callable[[], None]) -> Callable[[], None]:
+    """Let a function fail the first time."""
+    errors = [OSError(28, "No space left on device")]
+
+    def call() -> None:
+        if errors:
+            raise errors.pop()
+        function()
+
+    return call
+
+
+@pytest.mark.parametrize("end", ["close", "cancel", "timeout"])
+def test_a_check_that_was_not_finished_calls_no_clip_bad(
+    end: str, tmp_path: Path, runs: type[FakeProcess], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun = threading.Event()
+
+    def check(arguments: object, limit_s: float, is_stopped: Callable[[], bool], *_: object) -> tuple[None, str, str]:
+        begun.set()
+        while end != "timeout" and not is_stopped():
+            time.sleep(0.01)
+        return None, "", "It was stopped." if end != "timeout" else "It took more than 5 minutes."
+
+    monkeypatch.setattr(job_queue, "run_trueroll", check)
+    runs.hold.clear()
+    with open_queue(tmp_path / "library") as queue:
+        job = queue.add_clip(write_clip(tmp_path))["id"]
+        assert begun.wait(LONGEST_S)
+        if end == "timeout":
+            wait_for(queue, job, check={"level": "", "sentences": ["It took more than 5 minutes."]})
+        if end == "cancel":
+            queue.cancel(job)
+            wait_for(queue, job, check=None)
+    (found,) = JobQueue(ShotLibrary(tmp_path / "library")).describe()
+    assert (found["check"] is None) == (end != "timeout")
+
+
+def test_a_cancelled_clip_keeps_nobody_waiting(
+    tmp_path: Path, runs: type[FakeProcess], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    released = threading.Event()
+
+    def close(process: FakeProcess) -> None:
+        released.wait(LONGEST_S)
+        process.closed.set()
+
+    monkeypatch.setattr(runs, "close", close)
+    with open_queue(tmp_path / "library") as queue:
+        runs.hold.clear()
+        job = queue.add_clip(write_clip(tmp_path))["id"]
+        wait_for(queue, job, state="running", stage="detect")
+        queue.cancel(job)
+        begins = time.monotonic()
+        queue.describe()
+        assert time.monotonic() - begins < LONGEST_S / 2
+        released.set()
+
+
+def test_dismissing_keeps_a_clip_that_something_else_needs(tmp_path: Path) -> None:
+    root = tmp_path / "library"
+    queue = JobQueue(library := ShotLibrary(root))
+    messages: list[dict[str, Any]] = []
+    library.listeners.append(messages.append)
+    clip = root / "clips" / "one.mp4"
+    clip.parent.mkdir(parents=True)
+    clip.write_bytes(b"clip")
+    first, second, third = (queue.add_clip(clip)["id"] for _ in range(3))
+    for job in (first, second, third):
+        queue.cancel(job)
+    queue.dismiss(first)
+    assert {"type": "library", "revision": None} in messages  # also other pages show it no longer
+    queue.dismiss(second)
+    assert clip.exists()  # the third is of the same clip
+    write_run(root / "one")  # by another program
+    queue.dismiss(third)
+    assert clip.exists()
+
+
+@pytest.mark.parametrize("status", [0, 1])
+def test_a_command_that_fails_over_earlier_results_has_failed(
+    status: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(job_queue, "run_trueroll", lambda *rest: (status, "", "It failed."))
+    root = tmp_path / "library"
+    for name in ("earlier", "empty"):
+        (root / "sessions" / name).mkdir(parents=True)
+    (root / "sessions" / "earlier" / "session.json").write_text("{}")
+    with open_queue(root) as queue:
+        earlier, empty = (queue.add_command("C", ["compare"], root / "sessions" / name)["id"]
+                          for name in ("earlier", "empty"))  # fmt: skip
+        wait_for(queue, earlier, state="failed" if status else "done")
+        wait_for(queue, empty, state="failed", error="It failed.")
+        for job in (earlier, empty):
+            queue.dismiss(job)
+    assert [path.name for path in (root / "sessions").iterdir()] == ["earlier"]
+
+
+def test_no_folder_is_deleted_that_an_open_job_writes(tmp_path: Path) -> None:
+    root, clip = tmp_path / "library", write_clip(tmp_path, "match.mp4")
+    places = [root / "match", root / "match" / "shot-0001", root / "other"]
+    for place in places:
+        write_run(place)
+    (root / "match" / "source.json").write_text(json.dumps({"path": str(clip)}))
+    queue = JobQueue(library := ShotLibrary(root))
+    job = queue.add_clip(clip)["id"]
+    for place in places[:2]:
+        with pytest.raises(Refusal, match="cancel that first"):
+            queue.require_idle(library.identify(place))
+    queue.require_idle(library.identify(places[2]))
+    queue.cancel(job)
+    queue.require_idle(library.identify(places[1]))

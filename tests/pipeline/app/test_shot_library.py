@@ -167,11 +167,30 @@ def test_restoring_overwrites_nothing_and_an_empty_trash_is_empty(tmp_path: Path
     write_run(tmp_path / "one", balls=[])
     with pytest.raises(Refusal, match="new folder one"):
         library.restore(undo)
+    messages: list[dict[str, Any]] = []
+    library.listeners.append(messages.append)
     library.empty_trash()
     with pytest.raises(Refusal, match="no longer"):
         library.restore(undo)
+    assert messages == [{"type": "library", "revision": None}]  # no card has changed, but what is in the trash
     assert library.measure_disk()["trash_bytes"] == 0
     assert [card.balls for card in library.list_cards()] == [0]
+
+
+def test_a_clip_in_the_trash_outlives_another_of_its_name(tmp_path: Path) -> None:
+    library, clip = ShotLibrary(tmp_path), tmp_path / "clips" / "mine.mp4"
+    clip.parent.mkdir()
+    clip.write_bytes(b"mine")
+    folder = write_run(tmp_path / "mine")
+    (folder / "source.json").write_text(json.dumps({"path": str(clip)}))
+    undo = library.delete(library.list_cards()[0].id)
+    clip.write_bytes(b"another")
+    with pytest.raises(Refusal, match=r"new clip clips/mine\.mp4"):
+        library.restore(undo)
+    assert (clip.read_bytes(), folder.exists()) == (b"another", False)
+    clip.unlink()
+    library.restore(undo)
+    assert (clip.read_bytes(), folder.exists()) == (b"mine", True)
 
 
 def test_a_clip_that_is_only_named_by_its_path_is_not_deleted(tmp_path: Path) -> None:
