@@ -433,7 +433,8 @@ class JobQueue:
 
         self._update(job.id, ("waiting",), state="checking")
         result = run_trueroll(("check", "--json", job.clip), CHECK_LIMIT_S, is_stopped, 10)
-        self._update(job.id, OPEN_STATES + ENDED_STATES, check=None if is_stopped() else _parse_check(*result))
+        was_stopped = result[0] is None and is_stopped()
+        self._update(job.id, OPEN_STATES + ENDED_STATES, check=None if was_stopped else _parse_check(*result))
         self._update(job.id, ("checking",), state="waiting")
 
 

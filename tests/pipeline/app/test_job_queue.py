@@ -120,8 +120,11 @@ def test_a_killed_server_leaves_its_jobs_to_the_next(tmp_path: Path, runs: type[
         path = root / ".trueroll-app" / "queue" / f"{job}.json"
         path.write_text(json.dumps(json.loads(path.read_text()) | changes))
     lost = queue.add_clip(root / "clips" / "lost.mp4")["id"]  # killed before the upload was in its place
+    runs.hold.clear()
     with open_queue(root) as later:
-        assert wait_for(later, running, state="done")["check"]["level"] == "good"
+        wait_for(later, running, state="running", check={"level": "good", "sentences": ["Go."]})
+        runs.hold.set()
+        wait_for(later, running, state="done")
         wait_for(later, waiting, state="done")
         assert lost not in [job["id"] for job in later.describe()]
     assert len(runs.jobs) == 2
