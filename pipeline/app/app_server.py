@@ -307,7 +307,8 @@ class LibraryHandlers:
         """Send a file of a run, or a part of it."""
         name = request.path_params["name"]
         path = await run_in_threadpool(self._library.find_file, request.path_params["id"], name)
-        headers = {"Cache-Control": "private, no-cache"}
+        # a sandboxed report has an origin of its own and shows the video beside it; the secret path protects both
+        headers = {"Cache-Control": "private, no-cache", "Cross-Origin-Resource-Policy": "cross-origin"}
         if FILE_TYPES[name] == "text/html":
             headers["Content-Security-Policy"] = RESULT_POLICY
         return FileResponse(path, media_type=FILE_TYPES[name], headers=headers)

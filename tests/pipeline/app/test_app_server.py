@@ -59,6 +59,8 @@ def test_the_page_and_its_library_are_served(visitor: Visitor) -> None:
     assert (part.status, part.body) == (206, bytes([3, 4, 5]))
     report = visitor.ask("GET", f"api/shots/{shot}/file/report.html")
     assert report.headers["content-security-policy"].startswith("sandbox allow-scripts; default-src 'none'")
+    assert part.headers["cross-origin-resource-policy"] == "cross-origin", "the sandboxed report shows the video"
+    assert page.headers["cross-origin-resource-policy"] == "same-origin"
 
 
 def test_deleting_and_undoing_are_two_requests(visitor: Visitor) -> None:
