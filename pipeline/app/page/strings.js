@@ -267,7 +267,7 @@ export const text = {
     nextCheck: "Next place to check",
     allCorners: "Move all corners together",
     starting: "Starting",
-    failed: "The run failed",
+    failed: (why) => `The run failed: ${why}`,
     stages: {
       read: "Reading the clip", calibrate: "Locating the table", detect: "Detecting balls", place: "Measuring placed balls",
       track: "Tracking balls", motion: "Fitting the motion", explain: "Explaining the shot", fit: "Fitting the whole shot", background: "Seeing behind the balls",
