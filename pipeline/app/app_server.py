@@ -168,6 +168,7 @@ def build_app(
         Route("/lan/code", handlers.start_pairing, methods=["POST"]),
         Route("/shots/{id}", handlers.delete, methods=["DELETE"]),
         Route("/trash/{undo}/restore", handlers.restore, methods=["POST"]),
+        Route("/trash", handlers.send_trash),
         Route("/trash", handlers.empty_trash, methods=["DELETE"]),
         *(Route(f"/{name}", late) for name in ("shots/{id}", "shots/{id}/{rest:path}", "sessions")),
     ]
@@ -376,6 +377,10 @@ class LibraryHandlers:
         """Restore a shot from the trash."""
         await run_in_threadpool(self._library.restore, request.path_params["undo"])
         return JSONResponse({})
+
+    async def send_trash(self, request: Request) -> Response:
+        """Send what lies in the trash."""
+        return JSONResponse({"entries": await run_in_threadpool(self._library.list_trash)})
 
     async def empty_trash(self, request: Request) -> Response:
         """Empty the trash."""

@@ -91,7 +91,15 @@ export const text = {
     delete: "Delete",
     clearSelection: "Clear",
     disk: (used, free) => `${formatBytes(used)} used, ${formatBytes(free)} free.`,
-    emptyTrash: (bytes) => `Empty the trash (${formatBytes(bytes)})`,
+  },
+  trash: {
+    open: (bytes) => `Trash (${formatBytes(bytes)})`,
+    title: "Trash",
+    empty: "The trash is empty.",
+    restore: "Restore",
+    restoreLabel: (name) => `Restore ${name}`,
+    warning: "What is deleted here cannot be restored, nor its uploaded clip.",
+    empties: (count, bytes) => `Delete ${plural(count, "shot")} for good (${formatBytes(bytes)})`,
   },
   queue: {
     title: "Clips in work",

@@ -64,10 +64,14 @@ def test_the_page_and_its_library_are_served(visitor: Visitor) -> None:
 
 
 def test_deleting_and_undoing_are_two_requests(visitor: Visitor) -> None:
+    bytes_in_all = visitor.ask("GET", "api/library").document["shots"][0]["bytes"]
     undo = visitor.ask("DELETE", f"api/shots/{find_shot(visitor)}").document["undo"]
     assert visitor.ask("GET", "api/library").document["shots"] == []
+    trash = [{"undo": undo, "name": "break", "bytes": bytes_in_all}]
+    assert visitor.ask("GET", "api/trash").document == {"entries": trash}
     assert visitor.ask("POST", f"api/trash/{undo}/restore").status == 200
     assert len(visitor.ask("GET", "api/library").document["shots"]) == 1
+    assert visitor.ask("GET", "api/trash").document == {"entries": []}
 
 
 def test_only_who_has_the_address_gets_anything(visitor: Visitor, tmp_path: Path) -> None:
