@@ -178,6 +178,9 @@ export const text = {
     chooseOther: "what?",
     kinds: { ball: "Balls", rail: "Rails", pocket: "Pockets" },
     rules: { first: "Who was hit first?", score: "Did it score?", foul: "Was it a foul?" },
+    on: "Ball on",
+    onUnknown: "not known",
+    groups: { solids: "a solid", stripes: "a stripe", eight: "the eight", red: "a red", colour: "a colour" },
     rally: { landing: "In or out?", net: "How high over the net?" },
   },
   story: {
