@@ -138,9 +138,20 @@ def apply_corrections(options: RunOptions, corrections: Corrections) -> RunOptio
         elif value is not None:
             try:
                 options = replace_setting(options, list_settings()[name], value)
-            except ValueError as error:
+                _require_possible(name, value)
+            except (ValueError, OptionError) as error:
                 raise OptionError(f"The corrections of the clip set {name} to {value}: {error}") from error
     return replace(options, corrections=corrections)
+
+
+def _require_possible(name: str, value: Any) -> None:
+    """Require a table or a ball that exists, as the calibration does, before it runs; raises OptionError."""
+    from models.physics.billiards.tables import parse_table  # slow to import
+
+    if name == "table":
+        parse_table(value)
+    elif name == "ball_radius":
+        parse_table("pool-9ft", value)  # balls of any table have these bounds
 
 
 def list_overridden_flags(options: RunOptions, corrections: Corrections) -> tuple[str, ...]:

@@ -44,7 +44,7 @@ UNTOLD = "A push, a double hit, or a ball that leaves the table cannot be told f
 # Questions whose answer may change after the clip.
 MAY_HAPPEN_LATER: tuple[QuestionKind, ...] = ("contact", "rail", "pocket", "line", "score", "foul")
 STILL_MOVING = "When the clip ends, {} still move{}: what comes later is not judged."
-FIRST_BALL_UNKNOWN = "Which ball had to be hit first is not judged: name it with --on, such as --on {}."
+FIRST_BALL_UNKNOWN = "Which ball had to be hit first is not judged: name the ball on, such as {}."
 # Points of a drawn line, which lens distortion may bend.
 LINE_POINTS = 33
 # Frames of a strip before and after the nearest one.
@@ -210,7 +210,7 @@ def state_call(record: ShotRecord, call: CallAnswer, words: Sequence[str], on: s
     if moving and call.verdict == "no" and call.kind in MAY_HAPPEN_LATER:
         notes.append(STILL_MOVING.format(join_names(map(record.naming.say, moving)), "s" * (len(moving) < 2)))
     if call.kind == "foul" and not on:
-        notes.append(FIRST_BALL_UNKNOWN.format(" or --on ".join(FIRST_BALL_GROUPS[record.table.game])))
+        notes.append(FIRST_BALL_UNKNOWN.format(" or ".join(FIRST_BALL_GROUPS[record.table.game])))
     return Answer(
         text.question, tuple(filter(None, [text.sentence, format_sequence(call, record.naming)])), text.verdict,
         call.stated_probability, tuple(one for one in quantities if math.isfinite(one.value)), tuple(rows),

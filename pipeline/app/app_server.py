@@ -169,6 +169,7 @@ def build_app(
         Route("/lan/code", handlers.start_pairing, methods=["POST"]),
         Route("/shots/{id}", handlers.delete, methods=["DELETE"]),
         Route("/trash/{undo}/restore", handlers.restore, methods=["POST"]),
+        Route("/trash", handlers.send_trash),
         Route("/trash", handlers.empty_trash, methods=["DELETE"]),
         *(Route(f"/{name}", late) for name in ("shots/{id}", "shots/{id}/{rest:path}", "sessions")),
     ]
@@ -311,7 +312,8 @@ class LibraryHandlers:
         """Send a file of a run, or a part of it."""
         name = request.path_params["name"]
         path = await run_in_threadpool(self._library.find_file, request.path_params["id"], name)
-        headers = {"Cache-Control": "private, no-cache"}
+        # a sandboxed report has an origin of its own and shows the video beside it; the secret path protects both
+        headers = {"Cache-Control": "private, no-cache", "Cross-Origin-Resource-Policy": "cross-origin"}
         if FILE_TYPES[name] == "text/html":
             headers["Content-Security-Policy"] = RESULT_POLICY
         return FileResponse(path, media_type=FILE_TYPES[name], headers=headers)
@@ -381,6 +383,10 @@ class LibraryHandlers:
         """Restore a shot from the trash."""
         await run_in_threadpool(self._library.restore, request.path_params["undo"])
         return JSONResponse({})
+
+    async def send_trash(self, request: Request) -> Response:
+        """Send what lies in the trash."""
+        return JSONResponse({"entries": await run_in_threadpool(self._library.list_trash)})
 
     async def empty_trash(self, request: Request) -> Response:
         """Empty the trash."""

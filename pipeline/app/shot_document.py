@@ -16,6 +16,7 @@ from models.core.rally import Rally
 from models.core.scene import POCKETS, Table
 from models.core.trajectory import Trajectory
 from models.core.typing import FloatArray
+from models.estimation.contact_test.rule_answers import FIRST_BALL_GROUPS
 from models.estimation.rally.landing_judgement import judge_landing
 from models.estimation.rally.stroke_summary import Stroke, sample_flights, summarize_strokes
 from models.physics.billiards.cushion_geometry import find_mouth_line
@@ -57,7 +58,8 @@ def describe_shot(opened: OpenShot, session: EditSession | None, why_no_session:
     if opened.motion is None:
         opened.motion = _describe_motion(opened)
     return state | opened.motion | {
-        "kind": "shot", "tables": list(TABLE_PRESETS), "clip": opened.has_clip,
+        "kind": "shot", "tables": list(TABLE_PRESETS), "game": opened.shot.scene.table.game,
+        "balls_on": list(FIRST_BALL_GROUPS[opened.shot.scene.table.game]), "clip": opened.has_clip,
         "video": _describe_video(opened, float(opened.shot.tracks.t[0]), float(opened.shot.tracks.t[-1])),
     }  # fmt: skip
 

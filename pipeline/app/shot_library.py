@@ -287,6 +287,14 @@ class ShotLibrary:
             shutil.rmtree(home, ignore_errors=True)
         self.announce_changes()
 
+    def list_trash(self) -> list[dict[str, Any]]:
+        """List what `delete` moved to the trash by token (`undo`), name and bytes, in the order of the names."""
+        entries = [
+            {"undo": home.name, "name": _name_card(str(entry["folder"])), "bytes": int(entry.get("bytes", 0))}
+            for home, entry in self._list_trash()
+        ]
+        return sorted(entries, key=lambda entry: str(entry["name"]))
+
     def empty_trash(self) -> None:
         """Delete what is in the trash for good."""
         shutil.rmtree(self.own / "trash", ignore_errors=True)
@@ -326,6 +334,11 @@ class ShotLibrary:
 def _identify(place: str) -> str:
     """Return the id of a folder by its path within the library."""
     return hashlib.sha256(os.fsencode(place)).hexdigest()[:16]
+
+
+def _name_card(place: str) -> str:
+    """Name a folder by its path within the library."""
+    return place.replace("/", ", ")
 
 
 def _read_object(path: Path) -> dict[str, Any]:
@@ -370,7 +383,7 @@ def _make_card(path: Path, place: str, names: set[str]) -> Card | None:
     seconds = float(stated) if isinstance(stated, float | int) and math.isfinite(stated) else 0.0
     is_whole = kind not in ("shot", "rally") or "slow.mp4" in names
     return Card(
-        _identify(place), place.replace("/", ", "), kind, _read_date(path), _name_table(scene),
+        _identify(place), _name_card(place), kind, _read_date(path), _name_table(scene),
         len(facts["balls"]) if isinstance(facts.get("balls"), list) else None, seconds,
         TRUST_WORDS.get(_get_text(facts.get("trust", scene.get("trust")), "light"), ""),
         _first_sentence(facts.get("sentences")), bool(facts.get("thumbnail")), "done" if is_whole else "quick", "",

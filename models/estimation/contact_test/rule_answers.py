@@ -155,7 +155,7 @@ def _find_legal_balls(record: ShotRecord, cue: str, on: str) -> list[str]:
     legal = sorted(name for name, kind in rows if name != cue and (kind in kinds or name == on))
     if on and not legal:
         why = record.naming.explain_no_ball(on) or f"{record.naming.say(on)} is the struck ball"
-        raise ValueError(f"{why}; --on takes {', '.join(FIRST_BALL_GROUPS[record.table.game])}, or a ball")
+        raise ValueError(f"{why}; the ball on is one of {', '.join(FIRST_BALL_GROUPS[record.table.game])}, or a ball")
     return legal
 
 

@@ -104,7 +104,11 @@ def replace_ball_radius(table: Table, radius: float) -> Table:
         OptionError: The radius is not that of a ball in metres.
     """
     if not BALL_RADIUS_RANGE[0] < radius < BALL_RADIUS_RANGE[1]:
-        raise OptionError(f"a ball radius in metres is wanted, such as 0.028575; got {radius:g}")
+        low, high = BALL_RADIUS_RANGE
+        raise OptionError(
+            f"a ball radius in metres is wanted, such as 0.028575: balls are {2e3 * low:g} to {2e3 * high:g} mm in"
+            f" diameter; got {radius:g}"
+        )
     return replace(table, ball_radius=radius, ball_mass=scale_ball_mass(table, radius))
 
 

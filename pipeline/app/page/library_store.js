@@ -128,7 +128,8 @@ export async function deleteShots(ids) {
   await loadLibrary();
 }
 
-async function restoreShots(tokens) {
+/** Restore shots from the trash by the tokens of their deletion. */
+export async function restoreShots(tokens) {
   for (const token of tokens) await post(`api/trash/${token}/restore`).catch(notifyError);
   await loadLibrary();
 }

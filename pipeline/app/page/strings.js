@@ -91,7 +91,15 @@ export const text = {
     delete: "Delete",
     clearSelection: "Clear",
     disk: (used, free) => `${formatBytes(used)} used, ${formatBytes(free)} free.`,
-    emptyTrash: (bytes) => `Empty the trash (${formatBytes(bytes)})`,
+  },
+  trash: {
+    open: (bytes) => `Trash (${formatBytes(bytes)})`,
+    title: "Trash",
+    empty: "The trash is empty.",
+    restore: "Restore",
+    restoreLabel: (name) => `Restore ${name}`,
+    warning: "What is deleted here cannot be restored, nor its uploaded clip.",
+    empties: (count, bytes) => `Delete ${plural(count, "shot")} for good (${formatBytes(bytes)})`,
   },
   queue: {
     title: "Clips in work",
@@ -170,6 +178,9 @@ export const text = {
     chooseOther: "what?",
     kinds: { ball: "Balls", rail: "Rails", pocket: "Pockets" },
     rules: { first: "Who was hit first?", score: "Did it score?", foul: "Was it a foul?" },
+    on: "Ball on",
+    onUnknown: "not known",
+    groups: { solids: "a solid", stripes: "a stripe", eight: "the eight", red: "a red", colour: "a colour" },
     rally: { landing: "In or out?", net: "How high over the net?" },
   },
   story: {
@@ -267,7 +278,7 @@ export const text = {
     nextCheck: "Next place to check",
     allCorners: "Move all corners together",
     starting: "Starting",
-    failed: "The run failed",
+    failed: (why) => `The run failed: ${why}`,
     stages: {
       read: "Reading the clip", calibrate: "Locating the table", detect: "Detecting balls", place: "Measuring placed balls",
       track: "Tracking balls", motion: "Fitting the motion", explain: "Explaining the shot", fit: "Fitting the whole shot", background: "Seeing behind the balls",

@@ -15,6 +15,8 @@ from models.estimation.contact_test.call_answers import UNKNOWN, CallAnswer, Cal
 from pipeline.reporting.text.text_formatting import format_meeting, start_sentence
 
 UNDECIDED = "cannot be decided"
+# Where the ball on is not known, and a wrong ball may have been hit first.
+NO_JUDGED_FOUL = "none of the fouls that can be judged"
 # Decimals of millimetres: no place is measured to a hundredth.
 MAX_MM_DECIMALS = 1
 # m from which a margin is no closeness: a ball rolled on past a line, or lay away from another, by about two balls.
@@ -141,7 +143,8 @@ def _name_likely_answer(call: CallAnswer, naming: Naming) -> str:
         return "no ball" if call.met == "none" else naming.name_ball(call.met)
     if call.kind == "foul":
         if call.probability < 0.5:
-            return "no foul"
+            is_judged = len(call.subject) > 1 or any(part.kind == "wrong-ball" for part in call.parts)
+            return "no foul" if is_judged else NO_JUDGED_FOUL
         fouls = [part for part in call.parts if part.kind != "frozen" and part.probability >= 0.5]
         fouls = [part for part in fouls if not part.doubts] or fouls
         return join_names(name_rule(part, naming).partition(" (")[0] for part in fouls) or "a foul"

@@ -64,13 +64,19 @@ def test_the_page_and_its_library_are_served(visitor: Visitor) -> None:
     assert (part.status, part.body) == (206, bytes([3, 4, 5]))
     report = visitor.ask("GET", f"api/shots/{shot}/file/report.html")
     assert report.headers["content-security-policy"].startswith("sandbox allow-scripts; default-src 'none'")
+    assert part.headers["cross-origin-resource-policy"] == "cross-origin", "the sandboxed report shows the video"
+    assert page.headers["cross-origin-resource-policy"] == "same-origin"
 
 
 def test_deleting_and_undoing_are_two_requests(visitor: Visitor) -> None:
+    bytes_in_all = visitor.ask("GET", "api/library").document["shots"][0]["bytes"]
     undo = visitor.ask("DELETE", f"api/shots/{find_shot(visitor)}").document["undo"]
     assert visitor.ask("GET", "api/library").document["shots"] == []
+    trash = [{"undo": undo, "name": "break", "bytes": bytes_in_all}]
+    assert visitor.ask("GET", "api/trash").document == {"entries": trash}
     assert visitor.ask("POST", f"api/trash/{undo}/restore").status == 200
     assert len(visitor.ask("GET", "api/library").document["shots"]) == 1
+    assert visitor.ask("GET", "api/trash").document == {"entries": []}
     visitor.queue.add_command("Comparison", ["compare"], visitor.library.root / "break" / "again")
     refusal = visitor.ask("DELETE", f"api/shots/{find_shot(visitor)}")
     assert (refusal.status, refusal.sentence) == (409, "This shot is being computed, or will be; cancel that first.")

@@ -110,6 +110,14 @@ def test_a_change_must_name_its_revision_and_be_well_formed(corrected: Corrected
         status, refusal = corrected.ask("PUT", "/corrections", body, if_match='"0"')
         assert (status, "\n" in refusal["error"]) == (422, False)
     assert corrected.ask("PUT", "/corrections", b" " * 2_100_000, if_match='"0"')[0] == 413
+    impossible: dict[str, tuple[object, str]] = {
+        "table": ("banana", "LENGTHxWIDTH in metres, such as 2.54x1.27"),
+        "ball_radius": (499999.5, "balls are 20 to 120 mm in diameter"),
+        "fps": ("abc", "a number such as 29.97 or 30000/1001"),
+    }
+    for name, (value, possible) in [*impossible.items(), ("table", ("9999999x1", "0.5 to 5 m long"))]:
+        status, refusal = corrected.ask("PUT", "/corrections", {name: value}, if_match='"0"')
+        assert (status, possible in refusal["error"]) == (422, True), refusal
     assert not read_corrections(corrected.clip).revision
 
 

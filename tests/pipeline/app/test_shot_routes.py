@@ -89,6 +89,7 @@ def page(library: Path, home: Home, monkeypatch: pytest.MonkeyPatch) -> Iterator
 def test_the_document_holds_what_the_files_of_the_run_hold(page: ShotPage, home: Home) -> None:
     document = page.get()
     run, plan = document["run"], document["plan"]
+    assert (document["game"], document["balls_on"]) == ("carom", []), "fouls are not judged in carom"
     assert (document["kind"], document["revision"], document["result"], document["outputs"]) == (
         "shot",
         0,

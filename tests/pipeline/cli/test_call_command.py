@@ -146,7 +146,7 @@ def test_a_foul_is_named_with_each_fact_and_what_is_not_told(trueroll: Terminal,
     assert len(answer["pictures"]) == 2
     text = trueroll(*question).out
     assert "No ball hit (WPA 6.3)?" in text
-    assert "--on solids or --on stripes or --on eight" in text
+    assert "name the ball on, such as solids or stripes or eight." in text
     assert trueroll(*question, "--on", "blue").err.startswith("trueroll: no ball of this clip is 'blue'")
     on = json.loads(trueroll(*question, "--on", "red", "--json", "--clip", folder / "clip.mp4").out)
     assert on["asked"] == "Does the clip show a foul (on: the red)?"

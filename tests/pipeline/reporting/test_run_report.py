@@ -334,6 +334,8 @@ def test_a_foul_call_states_what_was_ruled_out_or_what_is_unsure(unsure: bool, v
     part = CallAnswer("scratch", ("white", "top"), p, doubts=doubts)
     foul = CallAnswer("foul", ("white", "snooker"), p, doubts=doubts, parts=(part,))
     assert format_call(foul, Naming(game="snooker")).sentence.startswith(verdict)
+    unjudged = format_call(replace(foul, subject=("white",)), Naming(game="snooker"))
+    assert unjudged.likely == "none of the fouls that can be judged", "the ball on is not known"
 
 
 def test_the_page_answers_for_a_carom_and_lists_certain_fouls_alone(monkeypatch: pytest.MonkeyPatch) -> None:

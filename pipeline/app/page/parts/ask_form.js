@@ -1,16 +1,17 @@
 // Ask a question without tapping: two lists, kept in step with what is tapped on the plan or the picture.
-import { html } from "../html.js";
+import { html, useState } from "../html.js";
 import { useStore } from "../store.js";
 import { text } from "../strings.js";
 
 const KINDS = ["ball", "rail", "pocket"];
-// Questions without a body.
-const RULES = ["first", "score", "foul"];
+// Questions without a body, by the games that they are of; null for all.
+const RULES = { first: null, score: ["carom"], foul: ["pool", "snooker"] };
 const key = (body) => (body ? `${body.kind} ${body.id}` : "");
 
 export function AskForm({ shot }) {
   const { doc } = useStore(shot.state);
   const { bodies, isAsking } = useStore(shot.desk);
+  const [on, setOn] = useState("");
   if (doc.kind === "rally") {
     return html`<div class="ask">${["landing", "net"].map((question) => html`<button key=${question} disabled=${isAsking}
       onClick=${() => shot.ask({ question })}>${text.ask.rally[question]}</button>`)}</div>`;
@@ -20,6 +21,8 @@ export function AskForm({ shot }) {
   const balls = all.filter((body) => body.kind === "ball");
   const find = (name) => all.find((body) => key(body) === name);
   const [one, two] = bodies;
+  const rules = Object.keys(RULES).filter((question) => RULES[question]?.includes(doc.game) ?? true);
+  const askRule = (question) => { shot.desk.set({ bodies: [] }); shot.ask(question); };
   const choose = (first, second) => {
     shot.desk.set({ bodies: [] });
     if (first) shot.tap(first);
@@ -40,7 +43,13 @@ export function AskForm({ shot }) {
     <span class="ask-words">${text.ask.touch}</span>
     ${list("ask-two", key(two), text.ask.chooseOther, all.filter((body) => key(body) !== key(one)),
       (event) => choose(one, find(event.target.value)))}
-    <div class="ask-more">${RULES.map((question) => html`<button key=${question} id=${`ask-${question}`} disabled=${isAsking}
-      onClick=${() => { shot.desk.set({ bodies: [] }); shot.ask({ question }); }}>${text.ask.rules[question]}</button>`)}</div>
+    <div class="ask-more">${rules.map((question) => html`<button key=${question} id=${`ask-${question}`} disabled=${isAsking}
+      onClick=${() => askRule(question === "foul" ? { question, on } : { question })}>${text.ask.rules[question]}</button>`)}</div>
+    ${rules.includes("foul") && html`<label class="ask-words" for="ask-on">${text.ask.on}</label>
+      <select id="ask-on" value=${on} onChange=${(event) => { setOn(event.target.value); askRule({ question: "foul", on: event.target.value }); }}>
+        <option value="">${text.ask.onUnknown}</option>
+        ${doc.balls_on.map((one) => html`<option key=${one} value=${one}>${text.ask.groups[one] ?? one}</option>`)}
+        ${balls.map((body) => html`<option key=${key(body)} value=${body.id}>${body.name}</option>`)}
+      </select>`}
   </div>`;
 }

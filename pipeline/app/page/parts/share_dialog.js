@@ -16,7 +16,7 @@ export function ShareDialog({ shot, onClose }) {
       .then((content) => setFiles(content.files)).catch((one) => { if (one.name !== "AbortError") setError(one.message); });
     return () => request.abort();
   }, []);
-  return html`<dialog ref=${dialog} class="share" aria-labelledby="share-title" onClose=${onClose}
+  return html`<dialog ref=${dialog} class="files" aria-labelledby="share-title" onClose=${onClose}
       onClick=${(event) => { if (event.target === dialog.current) dialog.current.close(); }}>
     <div class="dialog-body">
       <h2 id="share-title">${text.share.title}</h2>

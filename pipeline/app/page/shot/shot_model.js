@@ -118,20 +118,24 @@ export class ShotModel {
     }, POLL_MS);
   }
 
-  /** Change the corrections. @param {(corrections: object) => void} edit */
-  async change(edit) {
+  /**
+   * Change the corrections.
+   * @param {(corrections: object) => void} edit
+   * @param {(error: Error) => void} onRefusal says why a change cannot be made
+   */
+  async change(edit, onRefusal = notifyError) {
     const { doc, isBusy } = this.state.get();
     if (isBusy || !doc) return false;
     const next = structuredClone(doc.corrections);
     edit(next);
-    return this.correct("PUT", "corrections", tidy(next));
+    return this.correct("PUT", "corrections", tidy(next), onRefusal);
   }
 
   undo() { return this.correct("POST", "undo"); }
   redo() { return this.correct("POST", "redo"); }
   finish() { return this.correct("POST", "finish"); }
 
-  async correct(method, path, body) {
+  async correct(method, path, body, onRefusal = notifyError) {
     if (this.state.get().isBusy) return false;
     this.state.set({ isBusy: true });
     try {
@@ -142,7 +146,7 @@ export class ShotModel {
       this.follow();
       return true;
     } catch (error) {
-      notifyError(error);
+      onRefusal(error);
       if (error.status === 412) await this.load();
       return false;
     } finally {

@@ -44,7 +44,7 @@ function Tools({ shot }) {
   const state = status ?? {};
   const runs = state.stage || state.result !== state.revision && !state.error;
   const words = state.stage ? text.correct.stages[state.stage] ?? state.stage : runs ? text.correct.starting
-    : state.error ? text.correct.failed : text.correct.outputs[state.outputs] ?? "";
+    : text.correct.outputs[state.outputs] ?? "";
   return html`<div class="correct-tools">
     <div class="row" role="group" aria-label=${text.correct.tools}>
       <button id="undo" disabled=${!state.can_undo} onClick=${() => shot.undo()}>${text.correct.undo}</button>
@@ -55,8 +55,9 @@ function Tools({ shot }) {
       <button id="finish" class="main" disabled=${Boolean(runs)} onClick=${() => shot.finish()}>${text.correct.finish}
         </button>
     </div>
-    <div class="work"><label for="progress" id="progress-text" aria-live="polite">${words}</label>
-      <progress id="progress" max="1" value=${runs && !state.share ? undefined : runs ? state.share : 1}></progress></div>
+    ${state.error && !runs ? html`<p role="alert" class="refusal">${text.correct.failed(state.error)}</p>`
+    : html`<div class="work"><label for="progress" id="progress-text" aria-live="polite">${words}</label>
+      <progress id="progress" max="1" value=${runs && !state.share ? undefined : runs ? state.share : 1}></progress></div>`}
   </div>`;
 }
 

@@ -1,15 +1,34 @@
 // Table, ball and frame rate of a clip, where the program recognised them wrongly.
-import { html } from "../html.js";
+import { html, useState } from "../html.js";
 import { useStore } from "../store.js";
 import { text } from "../strings.js";
 
 const RATES = ["23.976", "24", "25", "29.97", "30", "50", "59.94", "60", "100", "120", "240"];
 
+/** A field that sends what was typed when it is left; a refusal stands below it, and the old value in it again. */
+function TypedField({ id, label, value, apply, ...rest }) {
+  const [typed, setTyped] = useState(null); // null while the field shows what is set
+  const [refusal, setRefusal] = useState("");
+  const send = async () => {
+    if (typed === null) return;
+    setRefusal("");
+    await apply(typed.trim(), (error) => setRefusal(error.message));
+    setTyped(null);
+  };
+  return html`<label for=${id}>${label}</label>
+    <div><input id=${id} ...${rest} autocomplete="off" value=${typed ?? value} aria-describedby=${`${id}-refusal`}
+      onInput=${(event) => setTyped(event.target.value)} onChange=${send} />
+      <p id=${`${id}-refusal`} role="alert" class="refusal">${refusal}</p></div>`;
+}
+
 export function SettingsFields({ shot }) {
   const { doc } = useStore(shot.state);
   const set = doc.corrections;
   const { table, fps, ball_radius: radius } = doc.run;
-  const apply = (key, value) => shot.change((c) => { if (value === "" || value === null) delete c[key]; else c[key] = value; });
+  const apply = (key, value, onRefusal) => shot.change((c) => {
+    if (value === "" || value === null) delete c[key];
+    else c[key] = value;
+  }, onRefusal);
   const tables = doc.tables ?? [];
   const names = set.table && !tables.includes(set.table) ? [set.table, ...tables] : tables;
   const rates = set.fps && !RATES.includes(set.fps) ? [set.fps, ...RATES] : RATES;
@@ -20,17 +39,16 @@ export function SettingsFields({ shot }) {
   return html`<section><h2>${text.settings.title}</h2><div class="fields">
     <label for="table">${text.settings.table}</label>
     ${select("table", set.table ?? "", set.table ? text.settings.recognised : text.settings.tableIs(table), names)}
-    <label for="table-size">${text.settings.size}</label>
-    <input id="table-size" placeholder=${text.settings.sizeExample} autocomplete="off"
-      onChange=${(event) => apply("table", event.target.value.trim())} />
-    <label for="radius">${text.settings.diameter}</label>
-    <input id="radius" type="number" step="0.01" min="10" max="120" value=${(2000 * radius).toFixed(2)}
-      onChange=${(event) => apply("ball_radius", event.target.value === "" ? null : Number(event.target.value) / 2000)} />
+    <${TypedField} id="table-size" label=${text.settings.size} placeholder=${text.settings.sizeExample}
+      value=${set.table && !tables.includes(set.table) ? set.table : ""}
+      apply=${(value, onRefusal) => apply("table", value, onRefusal)} />
+    <${TypedField} id="radius" label=${text.settings.diameter} type="number" step="0.01"
+      value=${(2000 * (set.ball_radius ?? radius)).toFixed(2)}
+      apply=${(value, onRefusal) => apply("ball_radius", value === "" ? null : Number(value) / 2000, onRefusal)} />
     <label for="fps">${text.settings.rate}</label>
     ${select("fps", set.fps ?? "", set.fps ? text.settings.asFile : text.settings.rateIs(fps), rates)}
-    <label for="fps-other">${text.settings.otherRate}</label>
-    <input id="fps-other" placeholder=${text.settings.rateExample} autocomplete="off"
-      onChange=${(event) => apply("fps", event.target.value.trim())} />
+    <${TypedField} id="fps-other" label=${text.settings.otherRate} placeholder=${text.settings.rateExample}
+      value=${set.fps && !RATES.includes(set.fps) ? set.fps : ""} apply=${(value, onRefusal) => apply("fps", value, onRefusal)} />
   </div><p><button id="find-table" disabled=${!set.corners}
     onClick=${() => { shot.desk.set({ corners: null }); apply("corners", null); }}>${text.settings.findAgain}</button></p>
     </section>`;

@@ -1,6 +1,6 @@
 // The library: clips are dropped here, the queue runs here, shots are found here.
 import { html, useMemo, useState } from "../html.js";
-import { deleteShots, emptyTrash, library, notify, notifyError, startSession, uploads } from "../library_store.js";
+import { deleteShots, library, notify, notifyError, startSession, uploads } from "../library_store.js";
 import { useStore } from "../store.js";
 import { text } from "../strings.js";
 import { CardGrid } from "./card_grid.js";
@@ -8,6 +8,7 @@ import { DropZone } from "./drop_zone.js";
 import { FilterBar } from "./filter_bar.js";
 import { NO_FILTER, filterShots, indexShots } from "./library_filter.js";
 import { Queue } from "./queue.js";
+import { TrashDialog } from "./trash_dialog.js";
 
 const SESSION_ACTIONS = ["compare", "certify", "diagnose"];
 
@@ -35,8 +36,8 @@ export function LibraryView() {
       <${FilterBar} shots=${shots} filter=${filter} onChange=${setFilter} count=${shown.length} />
       <${CardGrid} cards=${shown} chosen=${chosen} onChoose=${choose} />
       ${!shown.length && html`<p class="nothing">${text.library.noMatch}
-        <button onClick=${() => setFilter(NO_FILTER)}>${text.library.clearFilter}</button></p>`}
-      <${DiskLine} disk=${disk} />`}
+        <button onClick=${() => setFilter(NO_FILTER)}>${text.library.clearFilter}</button></p>`}`}
+    ${(shots.length > 0 || disk?.trash_bytes > 0) && html`<${DiskLine} disk=${disk} />`}
     ${picked.length > 0 && html`<${SelectionBar} picked=${picked} onClear=${() => setChosen(new Set())} />`}
   </div>`;
 }
@@ -58,8 +59,10 @@ function SelectionBar({ picked, onClear }) {
 }
 
 function DiskLine({ disk }) {
+  const [isOpen, setIsOpen] = useState(false);
   if (!disk) return null;
-  return html`<p class="disk">${text.library.disk(disk.used_bytes, disk.free_bytes)}
-    ${disk.trash_bytes > 0 && html` <button class="plain" onClick=${emptyTrash}>${text.library.emptyTrash(disk.trash_bytes)}
-      </button>`}</p>`;
+  return html`<div class="disk">${text.library.disk(disk.used_bytes, disk.free_bytes)}
+    ${disk.trash_bytes > 0 && html` <button class="plain" onClick=${() => setIsOpen(true)}>${text.trash.open(disk.trash_bytes)}
+      </button>`}
+    ${isOpen && html`<${TrashDialog} onClose=${() => setIsOpen(false)} />`}</div>`;
 }
