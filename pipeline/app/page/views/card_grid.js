@@ -67,8 +67,8 @@ function Card({ card, isChosen, onChoose, place, count }) {
       onChange=${(event) => onChoose(id, event.target.checked)} /></label>`}
     <h2><a href=${address}>${name}</a></h2>
     <p class="outcome ${state === "failed" ? "failed" : ""}"
-      title=${error || outcome}>${error || outcome || text.library.noOutcome}</p>
-    <p class="facts">${trust && html`<${TrustMark} level=${trust} />`}<span>${listFacts(card)}</span></p>
+      title=${error || outcome}>${error || outcome || (SHOTS.has(kind) ? text.library.noOutcome(state) : "")}</p>
+    <p class="facts">${trust && outcome && html`<${TrustMark} level=${trust} />`}<span>${listFacts(card)}</span></p>
   </li>`;
 }
 
