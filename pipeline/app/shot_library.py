@@ -10,6 +10,7 @@ import hashlib
 import json
 import math
 import os
+import re
 import secrets
 import shutil
 import threading
@@ -26,6 +27,9 @@ from pipeline.engine.atomic_write import write_text
 
 # Folder within the library for queue, trash and index, and that of uploaded clips.
 APP_FOLDER, CLIP_FOLDER = ".trueroll-app", "clips"
+# What commands on several shots write, by command; each has a folder of its own, numbered within a day.
+SESSION_FOLDER, SESSION_NAMES = "sessions", {"compare": "Comparison", "certify": "Certificate", "diagnose": "Diagnosis"}
+SESSION_PLACE = re.compile(rf"{SESSION_FOLDER}/({'|'.join(SESSION_NAMES)})-(\d{{4}}-\d\d-\d\d)-(\d+)")
 # Of the index; cards of another version are read again.
 INDEX_FORMAT = 2
 # Deepest folder that is searched, as a batch mirrors the tree of its clips; most folders, so that a home folder that is
@@ -333,7 +337,9 @@ def _identify(place: str) -> str:
 
 
 def _name_card(place: str) -> str:
-    """Name a folder by its path within the library."""
+    """Name a folder by its path within the library, and that of a command on several shots by what it holds."""
+    if match := SESSION_PLACE.fullmatch(place):
+        return f"{SESSION_NAMES[match[1]]} {match[3]} ({match[2]})"
     return place.replace("/", ", ")
 
 

@@ -201,8 +201,8 @@ class ShotHandlers:
             name = opened.saved.scene.sport.object.name
             return _describe_answer(answer) | {"paths": list_paths([name], path.t, path.xyz[:, None])}
         record = opened.record
-        is_within = at is not None and at <= record.moments[-1]
-        if is_within and not any(record.speed_at(k, at) > REST_SPEED for k in range(len(record.ids))):
+        speeds = [] if at is None else [record.speed_at(k, at) for k in range(len(record.ids))]
+        if at is not None and at <= record.moments[-1] and not any(speed > REST_SPEED for speed in speeds):
             raise Refusal(422, "Nothing moves at this moment; choose one after the stroke.")
         predicted = forecast_from(opened.folder, seconds, at, None, None, SEED, ENSEMBLE_SIZE, self._desk.cache)
         answer, prediction = state_prediction(predicted), predicted.prediction
