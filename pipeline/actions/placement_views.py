@@ -14,7 +14,7 @@ import numpy as np
 from models.core.answer import Answer, Quantity
 from models.core.errors import OptionError
 from models.core.naming import Naming
-from models.core.number_format import format_measured, format_moment, format_speed
+from models.core.number_format import format_measured, format_moment, format_speed, format_with_sigma
 from models.core.scene import CUSHIONS, NOSE_HEIGHT_RADII, Table
 from models.core.typing import FloatArray, ImageArray
 from models.estimation.ball_places import BallPlaces, find_nearest_cushions, measure_cushion_distances
@@ -91,6 +91,16 @@ def format_nearest_cushions(wanted: WantedPlaces, ball: int) -> str:
     """Format the distances of a ball (its index) to the two nearest cushions in mm, such as `left 512, far 300`."""
     own = 1e3 * measure_cushion_distances(wanted.table, wanted.places.xy[ball : ball + 1])[0]
     return ", ".join(f"{wanted.naming.view.name_rail(CUSHIONS[k])} {own[k]:.0f}" for k in find_nearest_cushions(own))
+
+
+def format_place_from_rails(wanted: WantedPlaces, ball: int) -> str:
+    """Format where a ball (its index) lay, such as `512.0 ± 0.8 mm from the left short rail, 300 ± 1 mm from ...`."""
+    own, sigma = measure_cushion_distances(wanted.table, wanted.places.xy[ball : ball + 1])[0], wanted.place_sigma[ball]
+    return ", ".join(
+        f"{format_with_sigma(1e3 * float(own[k]), 1e3 * float(sigma[k // 2]), MAX_DECIMALS_MM)} mm from the"
+        f" {wanted.naming.name_rail(CUSHIONS[k])}"
+        for k in find_nearest_cushions(own)
+    )
 
 
 def _list_place_cells(ball: dict[str, Any], naming: Naming) -> tuple[str, ...]:

@@ -16,13 +16,9 @@ from starlette.routing import BaseRoute, Route
 from pipeline.actions.compare_session import GROUPINGS
 from pipeline.app.job_queue import JobQueue
 from pipeline.app.refusals import Refusal, read_json_body
-from pipeline.app.shot_library import ShotLibrary
+from pipeline.app.shot_library import SESSION_FOLDER, SESSION_NAMES, ShotLibrary
 from pipeline.io.simulators.pooltool_simulator import POOLTOOL_NAME
 
-# Folder of the library for the results.
-SESSION_FOLDER = "sessions"
-# What is made of several shots, by the command that makes it, and what its job is called.
-ACTIONS = {"compare": "Comparison", "certify": "Certificate", "diagnose": "Diagnosis"}
 # Values of a command that a page may choose, with the option of the command.
 CHOICES: dict[str, dict[str, tuple[str, ...]]] = {
     "compare": {"group": GROUPINGS}, "certify": {}, "diagnose": {"simulator": (POOLTOOL_NAME,)}
@@ -47,8 +43,8 @@ class SessionHandlers:
 
     def _start(self, body: dict[str, Any]) -> dict[str, Any]:
         action, shots = body.get("action"), body.get("shots")
-        if not isinstance(action, str) or action not in ACTIONS:
-            raise Refusal(422, f"action is one of {', '.join(ACTIONS)}.")
+        if not isinstance(action, str) or action not in SESSION_NAMES:
+            raise Refusal(422, f"action is one of {', '.join(SESSION_NAMES)}.")
         if not isinstance(shots, list) or not shots or not all(isinstance(shot, str) for shot in shots):
             raise Refusal(422, "Choose at least one shot.")
         folders = [self._library.find_folder(shot) for shot in dict.fromkeys(shots)]
@@ -60,7 +56,7 @@ class SessionHandlers:
                 arguments += [f"--{name}", value]
         with self._lock:
             folder = self._reserve_folder(action)
-        name = f"{ACTIONS[action]} of {len(folders)} shot{'s' * (len(folders) != 1)}"
+        name = f"{SESSION_NAMES[action]} of {len(folders)} shot{'s' * (len(folders) != 1)}"
         return self._queue.add_command(name, [*arguments, "-o", str(folder)], folder)
 
     def _reserve_folder(self, action: str) -> Path:

@@ -10,6 +10,7 @@ import hashlib
 import json
 import math
 import os
+import re
 import secrets
 import shutil
 import threading
@@ -26,8 +27,11 @@ from pipeline.engine.atomic_write import write_text
 
 # Folder within the library for queue, trash and index, and that of uploaded clips.
 APP_FOLDER, CLIP_FOLDER = ".trueroll-app", "clips"
+# What commands on several shots write, by command; each has a folder of its own, numbered within a day.
+SESSION_FOLDER, SESSION_NAMES = "sessions", {"compare": "Comparison", "certify": "Certificate", "diagnose": "Diagnosis"}
+SESSION_PLACE = re.compile(rf"{SESSION_FOLDER}/({'|'.join(SESSION_NAMES)})-(\d{{4}}-\d\d-\d\d)-(\d+)")
 # Of the index; cards of another version are read again.
-INDEX_FORMAT = 1
+INDEX_FORMAT = 2
 # Deepest folder that is searched, as a batch mirrors the tree of its clips; most folders, so that a home folder that is
 # taken as a library is no endless search.
 MAX_DEPTH, MAX_FOLDERS = 8, 20_000
@@ -58,6 +62,8 @@ class Card:
     """shot, rally, recording, session or diagnosis."""
     date: str
     """Of the clip, ISO 8601."""
+    added: float
+    """s since 1970 when it came into the library: of its oldest file."""
     table: str
     balls: int | None
     seconds: float
@@ -185,7 +191,7 @@ class ShotLibrary:
         self.refresh()
         with self._lock:
             cards = [one.card for one in self._folders.values() if one.card is not None]
-        return sorted(cards, key=lambda card: card.date, reverse=True)
+        return sorted(cards, key=lambda card: card.added, reverse=True)
 
     def refresh(self) -> bool:
         """Read again what has changed on disk.
@@ -337,7 +343,9 @@ def _identify(place: str) -> str:
 
 
 def _name_card(place: str) -> str:
-    """Name a folder by its path within the library."""
+    """Name a folder by its path within the library, and that of a command on several shots by what it holds."""
+    if match := SESSION_PLACE.fullmatch(place):
+        return f"{SESSION_NAMES[match[1]]} {match[3]} ({match[2]})"
     return place.replace("/", ", ")
 
 
@@ -358,8 +366,9 @@ def _read_folder(path: Path, place: str, changed_ns: int) -> _Folder:
     children = sorted(name for name, entry in entry_of.items() if entry.is_dir() and name not in hidden)
     card = _make_card(path, place, set(entry_of)) if place else None
     if card is not None:
-        own = sum(entry.stat().st_size for entry in entry_of.values() if entry.is_file())
-        card = replace(card, bytes=own + (_measure_tree(path / "shot") if is_run else 0))
+        own = [entry.stat() for entry in entry_of.values() if entry.is_file()]
+        size = sum(one.st_size for one in own) + (_measure_tree(path / "shot") if is_run else 0)
+        card = replace(card, bytes=size, added=min((one.st_mtime for one in own), default=0.0))
     is_settled = time.time_ns() - changed_ns > SETTLE_NS
     return _Folder(changed_ns if is_settled else 0, tuple(children), card)
 
@@ -383,7 +392,7 @@ def _make_card(path: Path, place: str, names: set[str]) -> Card | None:
     seconds = float(stated) if isinstance(stated, float | int) and math.isfinite(stated) else 0.0
     is_whole = kind not in ("shot", "rally") or "slow.mp4" in names
     return Card(
-        _identify(place), _name_card(place), kind, _read_date(path), _name_table(scene),
+        _identify(place), _name_card(place), kind, _read_date(path), 0.0, _name_table(scene),
         len(facts["balls"]) if isinstance(facts.get("balls"), list) else None, seconds,
         TRUST_WORDS.get(_get_text(facts.get("trust", scene.get("trust")), "light"), ""),
         _first_sentence(facts.get("sentences")), bool(facts.get("thumbnail")), "done" if is_whole else "quick", "",

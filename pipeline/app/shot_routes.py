@@ -27,10 +27,11 @@ from models.core.errors import TruerollError
 from models.core.number_format import format_time
 from models.core.rally import Rally
 from models.estimation.contact_test.rule_answers import find_struck_ball
+from models.estimation.contact_test.shot_record import REST_SPEED
 from models.estimation.forecast.ensemble_prediction import ENSEMBLE_SIZE
 from pipeline.actions.answer_call import answer_question, state_call, trace_mark, write_call_images
 from pipeline.actions.judge_rally import state_rally_call, write_landing_picture
-from pipeline.actions.placement_views import format_nearest_cushions, state_wanted_places
+from pipeline.actions.placement_views import format_place_from_rails, state_wanted_places
 from pipeline.actions.play_otherwise import PlayedShot, StrokePlan
 from pipeline.actions.predict_rally import state_flight_prediction
 from pipeline.actions.predict_shot import forecast_from, state_prediction
@@ -200,6 +201,10 @@ class ShotHandlers:
             path, answer = state_flight_prediction(opened.saved, seconds, at)
             name = opened.saved.scene.sport.object.name
             return _describe_answer(answer) | {"paths": list_paths([name], path.t, path.xyz[:, None])}
+        record = opened.record
+        speeds = [] if at is None else [record.speed_at(k, at) for k in range(len(record.ids))]
+        if at is not None and at <= record.moments[-1] and not any(speed > REST_SPEED for speed in speeds):
+            raise Refusal(422, "Nothing moves at this moment; choose one after the stroke.")
         predicted = forecast_from(opened.folder, seconds, at, None, None, SEED, ENSEMBLE_SIZE, self._desk.cache)
         answer, prediction = state_prediction(predicted), predicted.prediction
         paths = np.stack([fan.medoid_path for fan in predicted.draw_fans()], axis=1)
@@ -256,7 +261,7 @@ class ShotHandlers:
                     "id": name, "name": wanted.naming.name_ball(name), "colour": format_colour(looks[k].colour),
                     "px": None if px is None else px[k], "radius_px": None if size is None else float(size[k]),
                     "xy": places.xy[k], "sigma_mm": 1e3 * float(np.hypot(*wanted.place_sigma[k]) / math.sqrt(2)),
-                    "text": format_nearest_cushions(wanted, k),
+                    "text": format_place_from_rails(wanted, k),
                 }
                 for k, name in enumerate(places.ids)
             ],

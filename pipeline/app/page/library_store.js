@@ -97,7 +97,7 @@ export async function addFiles(files) {
       const { jobs } = await uploadClip(row.file, (share) => change({ share }));
       jobs.forEach(putJob);
     } catch (error) {
-      notifyError(error);
+      notifyError(error.message.includes(row.name) ? error : new RequestError(text.errors.ofFile(row.name, error.message), 0));
     }
     uploads.set(({ waiting }) => ({ waiting: waiting.filter((one) => one.id !== id) }));
   }

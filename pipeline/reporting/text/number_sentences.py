@@ -282,8 +282,8 @@ GOAL_WORDS = {
     "three-cushion": "the three-cushion carom is made",
 }
 NO_SPREAD = (
-    "the uncertainty of the measurement alone, as if the player could repeat a stroke exactly; --spread or --session"
-    " add the player's own"
+    "the uncertainty of the measurement alone, as if the player could repeat a stroke exactly; the player's own"
+    " spread is not known"
 )
 SIDE_SPIN_WARNING = (
     "No contact models explain this whole shot, so its side spin is not known; paths after cushions are wide."

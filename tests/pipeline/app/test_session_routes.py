@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Sequence
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +39,8 @@ def test_a_comparison_is_the_command_and_becomes_a_card(
     assert (name, folder.parent) == ("Comparison of 2 shots", tmp_path / "sessions")
     assert arguments == ["compare", str(tmp_path / "one"), str(tmp_path / "two"), "--group", "ball", "-o", str(folder)]
     assert execute_command_line(arguments) == 0
-    assert "session" in [card.kind for card in visitor.library.list_cards()]
+    (card,) = (one for one in visitor.library.list_cards() if one.kind == "session")
+    assert card.name == f"Comparison 1 ({date.today().isoformat()})"
     start(visitor, ("one",), action="certify")
     assert commands[1][2] != folder
 

@@ -52,6 +52,10 @@ def test_a_card_is_dated_by_its_clip_and_quick_before_its_slow_motion(tmp_path: 
     (folder / "slow.mp4").unlink()
     (card,) = ShotLibrary(tmp_path).list_cards()
     assert (card.date, card.state) == ("2001-09-09T01:46:40+00:00", "quick")
+    assert card.added == min(path.stat().st_mtime for path in folder.iterdir())
+    earlier = write_run(tmp_path / "earlier")  # filmed later, but longer in the library
+    os.utime(earlier / "scene.json", (0, 1_700_000_000))
+    assert [one.name for one in ShotLibrary(tmp_path).list_cards()] == ["break", "earlier"], "newest first"
 
 
 def test_what_others_write_is_seen_and_what_is_unchanged_is_not_read_again(

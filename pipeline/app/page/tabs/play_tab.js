@@ -28,10 +28,10 @@ export function PlayTab({ shot }) {
     const control = new AbortController();
     running.current = control;
     setIsBusy(true);
+    setError("");
     try {
       const played = await post(shot.address(path), body, control.signal);
       shot.desk.set({ played });
-      setError("");
       if (played.is_final === false) timer.current = setTimeout(() => request(path, body), BETTER_MS);
     } catch (one) {
       if (one.name !== "AbortError") setError(one.message);
@@ -65,7 +65,8 @@ export function PlayTab({ shot }) {
     </section>
     <section aria-live="polite" aria-busy=${isBusy}><h2>${text.play.result}</h2>
       ${error && html`<p role="alert">${error}</p>`}
-      ${!played && !error && html`<p class="small">${isBusy ? text.play.busy : text.play.hint}</p>`}
+      ${isBusy ? html`<p class="small">${text.play.busy}</p><progress aria-label=${text.play.busy}></progress>`
+      : !played && !error && html`<p class="small">${text.play.hint}</p>`}
       ${played && html`<div class=${isBusy ? "busy" : ""}>${played.chance ? html`<${Plays} played=${played} />`
         : (played.sentences ?? []).map((one) => html`<p key=${one}>${one}</p>`)}</div>`}
     </section>

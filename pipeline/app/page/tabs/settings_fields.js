@@ -16,9 +16,9 @@ function TypedField({ id, label, value, apply, ...rest }) {
     setTyped(null);
   };
   return html`<label for=${id}>${label}</label>
-    <div><input id=${id} ...${rest} autocomplete="off" value=${typed ?? value} aria-describedby=${`${id}-refusal`}
+    <input id=${id} ...${rest} autocomplete="off" value=${typed ?? value} aria-describedby=${`${id}-refusal`}
       onInput=${(event) => setTyped(event.target.value)} onChange=${send} />
-      <p id=${`${id}-refusal`} role="alert" class="refusal">${refusal}</p></div>`;
+      <p id=${`${id}-refusal`} role="alert" class="refusal">${refusal}</p>`;
 }
 
 export function SettingsFields({ shot }) {

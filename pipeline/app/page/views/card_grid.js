@@ -47,7 +47,7 @@ export function CardGrid({ cards, chosen = NONE, onChoose }) {
 }
 
 // Kinds of cards that are a shot; the others are a page that a command wrote.
-const SHOTS = new Set(["shot", "rally"]);
+export const SHOTS = new Set(["shot", "rally"]);
 
 /** Address of what a card stands for; a result that has no card yet is a shot. */
 export const routeToCard = ({ id, kind }) => routeTo(!kind || SHOTS.has(kind) ? "shot" : "session", id);
@@ -62,13 +62,13 @@ function Card({ card, isChosen, onChoose, place, count }) {
       ${card.seconds > 0 && html`<span class="length">${text.seconds(card.seconds)}</span>`}
       ${text.library.states[state] && html`<span class="length state">${text.library.states[state]}</span>`}
     </a>
-    ${onChoose && SHOTS.has(kind) && html`<label class="pick"><input type="checkbox" checked=${isChosen}
+    ${onChoose && html`<label class="pick"><input type="checkbox" checked=${isChosen}
       aria-label=${text.library.pick(name)}
       onChange=${(event) => onChoose(id, event.target.checked)} /></label>`}
     <h2><a href=${address}>${name}</a></h2>
     <p class="outcome ${state === "failed" ? "failed" : ""}"
-      title=${error || outcome}>${error || outcome || text.library.noOutcome}</p>
-    <p class="facts">${trust && html`<${TrustMark} level=${trust} />`}<span>${listFacts(card)}</span></p>
+      title=${error || outcome}>${error || outcome || (SHOTS.has(kind) ? text.library.noOutcome(state) : "")}</p>
+    <p class="facts">${trust && outcome && html`<${TrustMark} level=${trust} />`}<span>${listFacts(card)}</span></p>
   </li>`;
 }
 

@@ -3,7 +3,7 @@ import { html, useMemo, useState } from "../html.js";
 import { deleteShots, library, notify, notifyError, startSession, uploads } from "../library_store.js";
 import { useStore } from "../store.js";
 import { text } from "../strings.js";
-import { CardGrid } from "./card_grid.js";
+import { CardGrid, SHOTS } from "./card_grid.js";
 import { DropZone } from "./drop_zone.js";
 import { FilterBar } from "./filter_bar.js";
 import { NO_FILTER, filterShots, indexShots } from "./library_filter.js";
@@ -19,7 +19,7 @@ export function LibraryView() {
   const [chosen, setChosen] = useState(() => new Set());
   const index = useMemo(() => indexShots(shots ?? []), [shots]);
   const shown = useMemo(() => filterShots(index, filter), [index, filter]);
-  const picked = (shots ?? []).filter((one) => chosen.has(one.id)).map((one) => one.id);
+  const picked = (shots ?? []).filter((one) => chosen.has(one.id));
   const choose = (id, isChosen) => setChosen((before) => {
     const after = new Set(before);
     if (isChosen) after.add(id);
@@ -43,7 +43,9 @@ export function LibraryView() {
 }
 
 function SelectionBar({ picked, onClear }) {
-  const start = (action) => startSession(action, picked).then(() => {
+  const ids = picked.map((one) => one.id);
+  const isOfShots = picked.every((one) => SHOTS.has(one.kind)); // pages that commands wrote can be deleted only
+  const start = (action) => startSession(action, ids).then(() => {
     notify(text.library.started[action]);
     onClear();
     scrollTo({ top: 0, behavior: "smooth" });
@@ -51,9 +53,9 @@ function SelectionBar({ picked, onClear }) {
   return html`<section class="selection-bar" aria-label=${text.library.selection}>
     <strong aria-live="polite">${text.library.selected(picked.length)}</strong>
     ${SESSION_ACTIONS.map((action) => html`<button key=${action} title=${text.library.actionHelp[action]}
-      disabled=${action === "compare" && picked.length < 2} onClick=${() => start(action)}>${text.library.actions[action]}
+      disabled=${!isOfShots || action === "compare" && ids.length < 2} onClick=${() => start(action)}>${text.library.actions[action]}
         </button>`)}
-    <button class="danger" onClick=${() => deleteShots(picked).then(onClear)}>${text.library.delete}</button>
+    <button class="danger" onClick=${() => deleteShots(ids).then(onClear)}>${text.library.delete}</button>
     <button class="plain" onClick=${onClear}>${text.library.clearSelection}</button>
   </section>`;
 }

@@ -16,7 +16,7 @@ const trustRank = (card) => (TRUST_ORDER.indexOf(card.trust) + TRUST_ORDER.lengt
 export function indexShots(cards) {
   return cards.map((card, place) => ({
     card, place,
-    time: Date.parse(card.date) || 0,
+    time: card.added,
     words: [card.name, card.table, card.outcome, card.kind, card.date].join(" ").toLowerCase(),
   }));
 }

@@ -59,7 +59,8 @@ export function ShotView({ id }) {
 function ShotHead({ shot, doc }) {
   const [isSharing, setIsSharing] = useState(false);
   const trust = doc.run?.trust ?? doc.trust;
-  const level = TRUST_LEVELS[trust?.level] ?? trust?.level;
+  const isKnown = (doc.run?.events ?? doc.events ?? []).length > 0; // of a clip in which nothing happens, nothing is sure
+  const level = isKnown && (TRUST_LEVELS[trust?.level] ?? trust?.level);
   return html`<div class="shot-head">
     <a class="back" href=${routeTo("library")} aria-label=${text.shot.back}>‹</a>
     <h1>${doc.name}</h1>
