@@ -101,6 +101,12 @@ def read_library(server: AppServer) -> list[dict[str, Any]]:
     return shots
 
 
+def ended_jobs(server: AppServer) -> bool:
+    """Tell whether nothing runs or waits."""
+    jobs = ask_app(server, "GET", "api/library")["jobs"]
+    return all(one["state"] in ("done", "failed", "cancelled") for one in jobs)
+
+
 def test_a_visitor_goes_from_a_clip_to_answers_corrections_and_a_comparison(
     browser: webdriver.Chrome, own_home: Home, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -184,6 +190,7 @@ def test_a_visitor_goes_from_a_clip_to_answers_corrections_and_a_comparison(
             browser.execute_script("document.querySelectorAll('.card input')[arguments[0]].click()", k)
         visitor.click(".selection-bar button", "Compare")
         visitor.wait(lambda: any(one["kind"] == "session" for one in read_library(server)))
+        visitor.wait(lambda: ended_jobs(server))  # nothing is deleted that is still written
         visitor.click(".card .pick")
         visitor.click(".selection-bar .danger")
         visitor.wait(lambda: len(read_library(server)) == 3)
