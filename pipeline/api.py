@@ -26,7 +26,7 @@ from models.core.errors import OptionError
 from models.core.events import Events
 from models.core.fit_result import Fit, Trust, WholeShotFit
 from models.core.number_format import format_probability
-from models.core.progress import Progress, ignore_progress
+from models.core.progress import Progress
 from models.core.rally import Rally, RallyEvent
 from models.core.scene import Scene
 from models.core.shot import Shot
@@ -36,6 +36,7 @@ from models.estimation.rally.rally_columns import RallyTracks, RallyTrajectory, 
 from pipeline.chain import FinishedRally, default_run_folder
 from pipeline.engine.atomic_write import parse_output_path
 from pipeline.engine.result_cache import open_cache
+from pipeline.engine.stage_graph import SilentWatcher
 from pipeline.io.run_views import view_run
 from pipeline.io.saved_shot import read_saved, require_rally, require_shot
 from pipeline.io.shot_laws import find_laws
@@ -244,9 +245,8 @@ def run(
     options = build_options({name: settings.get(name, setting.default) for name, setting in defaults.items()})
     path = Path(clip)
     folder = parse_output_path(out) if out is not None else default_run_folder(path)
-    finished = run_chosen_shot(
-        path, folder, options, open_cache(cache), _CallbackWatcher(progress), ShotChoice(shot, at)
-    )
+    watcher = SilentWatcher() if progress is None else _CallbackWatcher(progress)
+    finished = run_chosen_shot(path, folder, options, open_cache(cache), watcher, ShotChoice(shot, at))
     if isinstance(finished, FinishedRally):
         return RallyRun(folder, finished.rally)
     return Run(folder, finished.shot, finished.fit.laws)
@@ -274,15 +274,13 @@ def load(folder: str | Path) -> Run:
 class _CallbackWatcher:
     """A watcher that calls a function with the progress."""
 
-    def __init__(self, callback: Callable[[str, float], None] | None) -> None:
+    def __init__(self, callback: Callable[[str, float], None]) -> None:
         self._callback = callback
 
     def start_stage(self, stage: str) -> Progress:
         """Return a function that forwards the progress of a stage."""
-        callback = self._callback
-        return ignore_progress if callback is None else lambda share: callback(stage, share)
+        return lambda share: self._callback(stage, share)
 
     def finish_stage(self, stage: str, seconds: float, cached: bool) -> None:
         """Report the stage as done."""
-        if self._callback is not None:
-            self._callback(stage, 1.0)
+        self._callback(stage, 1.0)

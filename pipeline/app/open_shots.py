@@ -18,7 +18,6 @@ from typing import Any
 from models.core.corrections import Corrections
 from models.core.errors import TruerollError
 from models.core.fit_result import Fit, WholeShotFit
-from models.core.progress import Progress, ignore_progress
 from models.core.rally import Rally
 from models.core.shot import Shot
 from models.estimation.contact_test.shot_record import ShotRecord
@@ -29,6 +28,7 @@ from pipeline.editing.edit_session import EditSession
 from pipeline.editing.edited_clip import FrameImages, continue_run_options, find_edited_clip, find_run_clip
 from pipeline.editing.run_view import ClipRun
 from pipeline.engine.result_cache import ResultCache, open_cache
+from pipeline.engine.stage_graph import SilentWatcher
 from pipeline.io.corrections_file import read_corrections
 from pipeline.io.run_folder import SOURCE_FILE, read_source
 from pipeline.io.run_views import record_shot, view_run
@@ -50,17 +50,6 @@ SEED = 0
 KEPT_STROKES = 2
 # Contact models of one shot are searched at a time: that takes a core for up to a minute.
 _LAWS_TURN = threading.Lock()
-
-
-class SilentWatcher:
-    """Follows a run, and shows nothing."""
-
-    def start_stage(self, stage: str) -> Progress:
-        """Return a function that does nothing."""
-        return ignore_progress
-
-    def finish_stage(self, stage: str, seconds: float, cached: bool) -> None:
-        """Do nothing."""
 
 
 class OpenShot:

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
-from models.core.progress import Progress
+from models.core.progress import Progress, ignore_progress
 from pipeline.engine.result_cache import CacheEntry, CacheKey, ResultCache, build_stage_key
 from pipeline.engine.source_fingerprint import SourceSnapshot, hash_sources
 from pipeline.engine.stage import Stage
@@ -55,6 +55,17 @@ class RunWatcher(Protocol):
             cached: Whether its result came from the cache.
         """
         ...
+
+
+class SilentWatcher:
+    """Follows a run, and shows nothing."""
+
+    def start_stage(self, stage: str) -> Progress:
+        """Return a function that does nothing."""
+        return ignore_progress
+
+    def finish_stage(self, stage: str, seconds: float, cached: bool) -> None:
+        """Do nothing."""
 
 
 @dataclass(frozen=True, slots=True)

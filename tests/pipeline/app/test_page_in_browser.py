@@ -19,6 +19,7 @@ from support.browser import HANG_S, accessibility_violations, console_messages, 
 from support.carom_start import Home
 
 from pipeline.app.app_server import AppServer
+from pipeline.app.job_queue import OPEN_STATES
 from pipeline.app.shot_library import Card, ShotLibrary
 from pipeline.io.corrections_file import read_corrections
 
@@ -101,10 +102,9 @@ def read_library(server: AppServer) -> list[dict[str, Any]]:
     return shots
 
 
-def ended_jobs(server: AppServer) -> bool:
+def is_queue_idle(server: AppServer) -> bool:
     """Tell whether nothing runs or waits."""
-    jobs = ask_app(server, "GET", "api/library")["jobs"]
-    return all(one["state"] in ("done", "failed", "cancelled") for one in jobs)
+    return not any(one["state"] in OPEN_STATES for one in ask_app(server, "GET", "api/library")["jobs"])
 
 
 def test_a_visitor_goes_from_a_clip_to_answers_corrections_and_a_comparison(
@@ -190,7 +190,7 @@ def test_a_visitor_goes_from_a_clip_to_answers_corrections_and_a_comparison(
             browser.execute_script("document.querySelectorAll('.card input')[arguments[0]].click()", k)
         visitor.click(".selection-bar button", "Compare")
         visitor.wait(lambda: any(one["kind"] == "session" for one in read_library(server)))
-        visitor.wait(lambda: ended_jobs(server))  # nothing is deleted that is still written
+        visitor.wait(lambda: is_queue_idle(server))  # nothing is deleted that is still written
         visitor.click(".card .pick")
         visitor.click(".selection-bar .danger")
         visitor.wait(lambda: len(read_library(server)) == 3)
