@@ -216,6 +216,22 @@ def invert_semidefinite(matrix: FloatArray) -> FloatArray:
     return np.asarray(half @ half.T)
 
 
+def measure_log_determinant(jacobian: FloatArray) -> float:
+    """Return the natural logarithm of the determinant of the information J^T J of a Jacobian (R, P).
+
+    It is computed from J, since rounding J^T J loses the small eigenvalues of a badly conditioned problem: a
+    determinant of zero would make the least determined fit the most probable one.
+
+    Returns:
+        The logarithm; -inf where the columns are dependent.
+    """
+    scale = np.linalg.norm(jacobian, axis=0)
+    if len(jacobian) < jacobian.shape[1] or not scale.all():
+        return -np.inf
+    diagonal = np.abs(np.diag(np.linalg.qr(jacobian / scale, mode="r")))
+    return 2 * float((np.log(diagonal) + np.log(scale)).sum()) if diagonal.all() else -np.inf
+
+
 def count_determined(jacobian: FloatArray) -> int:
     """Count the directions of parameters that residuals determine.
 

@@ -42,7 +42,12 @@ from models.estimation.rally.single_flight import (
     TURN_DRAG,
     build_flight_prior,
 )
-from models.numerics.least_squares import SearchOptions, invert_semidefinite, minimize_residuals
+from models.numerics.least_squares import (
+    SearchOptions,
+    invert_semidefinite,
+    measure_log_determinant,
+    minimize_residuals,
+)
 from models.physics.flight.flight_motion import PARAMETER_COUNT, FlightPath, fly
 
 # m, softness of the surface below a flight, and of the upper edge of the net, which gives way and hangs unevenly.
@@ -170,10 +175,10 @@ def refine_fit(
     fixed = [start_row(k, len(structure)) for k, is_joined in enumerate(structure.joined) if not is_joined]
     information[fixed, fixed] += 1e12
     free = np.delete(np.arange(len(information)), fixed)
-    scale = np.sqrt(np.diag(information)[free])
-    logdet = float(np.linalg.slogdet(information[np.ix_(free, free)] / scale / scale[:, None])[1])
-    logdet += 2 * float(np.log(scale).sum())
-    evidence = -0.5 * best.cost + problem.normalizer + 0.5 * len(free) * np.log(2 * np.pi) - 0.5 * logdet
+    log_determinant = measure_log_determinant(rows[1][:, free])
+    if not np.isfinite(log_determinant):
+        return None  # nothing holds one of its values
+    evidence = -0.5 * best.cost + problem.normalizer + 0.5 * len(free) * np.log(2 * np.pi) - 0.5 * log_determinant
     return RallyFit(structure, best.point, information, best.cost, float(evidence))
 
 

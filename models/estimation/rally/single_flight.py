@@ -22,7 +22,12 @@ from models.estimation.rally.flight_observations import (
     compare_places,
     weigh_by_law,
 )
-from models.numerics.least_squares import SearchOptions, invert_semidefinite, minimize_residuals
+from models.numerics.least_squares import (
+    SearchOptions,
+    invert_semidefinite,
+    measure_log_determinant,
+    minimize_residuals,
+)
 from models.physics.flight.flight_motion import GRAVITY, PARAMETER_COUNT, FlightPath, fly
 
 # Where parameters of the law stand among those of a flight.
@@ -168,8 +173,7 @@ def fit_single_flight(
     if rows is None:
         return None
     information = rows[1].T @ rows[1]
-    scaled = information * prior.sigma * prior.sigma[:, None]
-    evidence = -0.5 * best.cost - 0.5 * float(np.linalg.slogdet(scaled)[1])
+    evidence = -0.5 * best.cost - 0.5 * measure_log_determinant(rows[1] * prior.sigma)
     path = fly(best.point, tau, turn_length)
     by_place = compare_places(observed, path.states[:, :3])[1]
     evidence += 2 * float(np.log(weigh_by_law(by_place, path.states[:, :3], sport.object, turn_length)).sum())

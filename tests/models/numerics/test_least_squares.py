@@ -13,6 +13,7 @@ from models.numerics.least_squares import (
     NormalEquations,
     SearchOptions,
     invert_semidefinite,
+    measure_log_determinant,
     minimize_cost,
     minimize_residuals,
     solve_damped,
@@ -184,3 +185,15 @@ def test_no_variance_is_negative_where_parameters_replace_each_other() -> None:
     certain = invert_semidefinite(np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 4.0]]))
     assert certain[2, 2] == pytest.approx(0.25)
     assert certain[0, 0] > 1e6  # the sum is known, the parts are not
+
+
+def test_the_determinant_of_a_badly_conditioned_information_keeps_its_small_eigenvalues():
+    sizes = np.array([1e12, 1.0, 1e-3])
+    turn = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0]
+    jacobian = np.vstack([np.diag(sizes) @ turn, np.zeros((2, 3))])
+    assert measure_log_determinant(jacobian) == pytest.approx(2 * np.log(sizes).sum(), abs=1e-2)
+    assert abs(np.linalg.slogdet(jacobian.T @ jacobian)[1] - 2 * np.log(sizes).sum()) > 1
+
+
+def test_dependent_columns_have_no_determinant():
+    assert measure_log_determinant(np.array([[1.0, 0.0], [2.0, 0.0], [3.0, 0.0]])) == -np.inf
