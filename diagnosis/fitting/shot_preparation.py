@@ -33,6 +33,8 @@ from models.estimation.multiple_shooting.shooting_windows import (
     Window,
     drop_shared_jacobian,
     predict_window,
+    simulate_ahead,
+    simulates_together,
 )
 from models.physics.effect import Prior
 
@@ -385,6 +387,17 @@ class WhitenedModel:
         if isinstance(simulated, LinearizedWindow):
             return self._whiten_window(window, simulated)
         return replace(simulated, residual=self.chains[window].whiten(simulated.residual))
+
+    @property
+    def simulates_together(self) -> bool:
+        """Whether the model simulates windows together."""
+        return simulates_together(self.model)
+
+    def simulate_ahead(
+        self, windows: Sequence[int], starts: Sequence[FloatArray], shared: Sequence[FloatArray], has_jacobians: bool
+    ) -> WhitenedModel:
+        """Let the model simulate windows together where it can."""
+        return replace(self, model=simulate_ahead(self.model, windows, starts, shared, has_jacobians))
 
     def without_shared_jacobian(self) -> WhitenedModel:
         """Return the model without derivatives by the shared parameters."""
