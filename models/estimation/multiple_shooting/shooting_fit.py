@@ -61,7 +61,8 @@ _EARLY_SHARES, _LATER_SHARES = (0.2, 0.35, 0.5), (0.7, 0.85)
 # Initial guesses that are followed beyond `_EARLY_SHARES`: a good early fit predicts a good final one, and each costs
 # as much.
 _FOLLOWED_GUESSES = 2
-# Standard deviations of its prior that a shared parameter may move in one step.
+# Standard deviations of its prior that a shared parameter may move in one step; beyond one, its distance from the mean
+# of the prior may double: what is several times its usual size is still reached in a few steps.
 _MAX_PARAMETER_STEP = 1.0
 # Of the states of a chain.
 _SEARCH = SearchOptions(
@@ -451,8 +452,6 @@ def _solve_step(
     coordinates, low, high = coordinate_bounds(problem.model.unknowns, now.shared)
     gradient: FloatArray = prior_g + sum(block.shared_gradient for block in blocks)
     is_fixed = ((coordinates <= low) & (gradient > 0)) | ((coordinates >= high) & (gradient < 0))
-    reach = (
-        np.maximum(low - coordinates, -_MAX_PARAMETER_STEP / scale),
-        np.minimum(high - coordinates, _MAX_PARAMETER_STEP / scale),
-    )
+    longest = np.maximum(_MAX_PARAMETER_STEP, np.abs(prior_g / scale)) / scale
+    reach = np.maximum(low - coordinates, -longest), np.minimum(high - coordinates, longest)
     return *eliminate_states(blocks, np.diag(prior_h), prior_g, damping, is_fixed, reach), gradient

@@ -187,6 +187,7 @@ class MujocoSimulator:
             model.actuator_gainprm[:] *= first[:, None]
             model.actuator_biasprm[:, :2] *= first[:, None]
             model.actuator_biasprm[:, 2] *= parts[1]
+            model.actuator_forcerange[:] *= parts[2][:, None]
 
     def begin(
         self, starts: FloatArray, values: Sequence[EffectValues], powered: BoolArray, shots: IntArray, t: FloatArray
@@ -303,7 +304,7 @@ class MujocoSimulator:
             "payload": (0.0,),
         }
         if model.nu:
-            own["actuator_gain"] = (1.0,) * (2 * model.nu)
+            own["actuator_gain"] = (1.0,) * (3 * model.nu)
         return own
 
 

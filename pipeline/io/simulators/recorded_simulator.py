@@ -60,7 +60,7 @@ class RecordedRuns:
         off, speed = np.split(self._deviation[:, None], 2, axis=2)
         deviation = np.concatenate([off + span * speed + span**2 / 2 * push, speed + span * push], axis=2)
         self._deviation, self._passed = deviation[:, -1], self._passed + times[-1]
-        return self._read_paths(times - times[-1]) + deviation
+        return np.asarray(self._read_paths(times - times[-1]) + deviation)
 
     def _read_paths(self, times: FloatArray) -> FloatArray:
         """Read the recorded states (C, M, 2N) at times (M,) s after those until which the runs have gone on."""
