@@ -339,10 +339,11 @@ class _JointLaws:
             if effect.dry is not None:
                 dry += effect.dry(q, speed, own) * strength
         x = rate * dt / self.inertia
-        decay = np.expm1(-x)
-        lasting = -np.divide(decay, x, out=-np.ones_like(x), where=x != 0) - 1
-        brake = self.inertia * (v * decay / dt + acceleration * lasting)
-        end = v + (acceleration + brake / self.inertia) * dt
+        with np.errstate(over="ignore", invalid="ignore"):  # of a run that diverges
+            decay = np.expm1(-x)
+            lasting = -np.divide(decay, x, out=-np.ones_like(x), where=x != 0) - 1
+            brake = self.inertia * (v * decay / dt + acceleration * lasting)
+            end = v + (acceleration + brake / self.inertia) * dt
         size = self._measure_sizes(end)
         direction = np.divide(end, size, out=np.zeros_like(end), where=size > 0)
         return force, brake - direction * np.minimum(dry, size * self.inertia / dt)

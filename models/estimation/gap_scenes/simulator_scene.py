@@ -70,7 +70,7 @@ class SimulatorScene:
     gauges: tuple[str, ...] = ("time_offset",)
     alternatives: tuple[Alternatives, ...] = ()
     # A simulator from outside is slow, and where something large is missing, robust fits creep.
-    least_gain: float = 1e-3
+    least_gain: float = 3e-3
     has_stated_values: bool = True
 
     @cached_property

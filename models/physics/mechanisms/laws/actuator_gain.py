@@ -21,5 +21,5 @@ EFFECT = MechanismEffect(
         for name in ("gain", "damping", "limit")
     ),
     partners=("saturation", "armature"),
-    reference="Force of the actuator over that of the simulator, and the same of a servo's damping and of the largest force",
+    reference="Force of the actuator over that of the simulator, of a servo's damping, and of its largest force",
 )
