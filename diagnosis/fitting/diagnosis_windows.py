@@ -28,7 +28,7 @@ SHORT_SEGMENT_S = 0.5
 # Largest lack of fit at which a fit is accepted without another attempt.
 _GOOD_LACK_OF_FIT = 4.0
 # Median residual from which a simulation has diverged from the observations, standard deviations; with less noise, a
-# simulation that only lacks something misses by more, and has diverged where a body at rest would be closer.
+# simulation that only lacks something misses by more, and has diverged where it misses by more than all of the motion.
 _DIVERGED_SIGMAS = 30.0
 # Largest number of times that segments are split further.
 _MAX_ROUNDS = 3
@@ -242,16 +242,16 @@ def _split_sensitive_segments(problem: DiagnosisProblem, fitted: EffectFit) -> t
         first = find_sensitive_observation(flow.start_jacobian * segment.sigma[rows, bodies][:, None, None])
         cut = int(rows[first]) if first < len(rows) else len(segment.t)
         miss = float(np.median(np.linalg.norm(flow.residual, axis=1)))
-        if not miss <= max(_DIVERGED_SIGMAS, _measure_spread(segment)):
+        if not miss <= max(_DIVERGED_SIGMAS, _measure_extent(segment)):
             cut = min(cut, len(segment.t) // 2)
         parts += _split_at_row(segment, cut)
     return tuple(parts)
 
 
-def _measure_spread(segment: Recording) -> float:
-    """Measure the median distance of the observed bodies from their median places, standard deviations."""
-    distances = np.linalg.norm(segment.positions - np.nanmedian(segment.positions, axis=0), axis=2) / segment.sigma
-    return float(np.nanmedian(distances))
+def _measure_extent(segment: Recording) -> float:
+    """Measure how far the observed bodies move, standard deviations."""
+    extent = np.nanmax(segment.positions, axis=0) - np.nanmin(segment.positions, axis=0)
+    return float(np.linalg.norm(extent, axis=1).max() / np.median(segment.sigma[segment.is_observed]))
 
 
 def _split_at_row(segment: Recording, row: int) -> list[Recording]:

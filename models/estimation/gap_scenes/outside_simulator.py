@@ -344,8 +344,8 @@ class _JointLaws:
             lasting = -np.divide(decay, x, out=-np.ones_like(x), where=x != 0) - 1
             brake = self.inertia * (v * decay / dt + acceleration * lasting)
             end = v + (acceleration + brake / self.inertia) * dt
-        size = self._measure_sizes(end)
-        direction = np.divide(end, size, out=np.zeros_like(end), where=size > 0)
+            size = self._measure_sizes(end)
+            direction = np.divide(end, size, out=np.zeros_like(end), where=size > 0)
         return force, brake - direction * np.minimum(dry, size * self.inertia / dt)
 
     def _measure_sizes(self, v: FloatArray) -> FloatArray:
