@@ -249,8 +249,8 @@ def simulate_misfits(
     """
     model = build_window_model(problem, like.segments, forms, np.zeros(len(shared), bool))
     count = len(like.segments)
-    known = simulate_ahead(model, range(count), like.starts, [shared] * count, has_jacobians=False)
-    return [simulate_window(known, k, start, shared).residual for k, start in enumerate(like.starts)]
+    together = simulate_ahead(model, range(count), like.starts, [shared] * count, has_jacobians=False)
+    return [simulate_window(together, k, start, shared).residual for k, start in enumerate(like.starts)]
 
 
 def fit_start_states(

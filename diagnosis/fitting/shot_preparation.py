@@ -38,7 +38,6 @@ from models.estimation.multiple_shooting.shooting_windows import (
     drop_shared_jacobian,
     predict_window,
     simulate_ahead,
-    simulates_together,
 )
 from models.physics.effect import Prior
 
@@ -426,7 +425,7 @@ class WhitenedModel:
     @property
     def simulates_together(self) -> bool:
         """Whether the model simulates windows together."""
-        return simulates_together(self.model)
+        return bool(getattr(self.model, "simulates_together", False))
 
     def simulate_ahead(
         self, windows: Sequence[int], starts: Sequence[FloatArray], shared: Sequence[FloatArray], has_jacobians: bool

@@ -343,11 +343,11 @@ class SimulatorModel:
 
     def linearize(self, window: int, start: FloatArray, shared: FloatArray) -> LinearizedWindow:
         """Simulate a window with differences, which give the Jacobians."""
-        known = self.ahead.get(window)
-        if not isinstance(known, tuple):
+        simulation = self.ahead.get(window)
+        if not isinstance(simulation, tuple):
             return self.simulate_ahead([window], [start], [shared], True).linearize(window, start, shared)
         segment, needed = self.segments[window], np.flatnonzero(self.jacobian_mask)
-        places, derivatives = self.scene.linearize_positions(segment, *known)
+        places, derivatives = self.scene.linearize_positions(segment, *simulation)
         rows, who = np.nonzero(segment.is_observed)
         derivatives = derivatives[rows, who] / segment.sigma[rows, who][:, None, None]
         by_shared = np.zeros((len(rows), 1, len(shared)))
@@ -360,11 +360,11 @@ class SimulatorModel:
 
     def simulate(self, window: int, start: FloatArray, shared: FloatArray) -> SimulatedWindow:
         """Simulate a window without Jacobians."""
-        known = self.ahead.get(window)
-        if not isinstance(known, Motions):
+        simulation = self.ahead.get(window)
+        if not isinstance(simulation, Motions):
             return self.simulate_ahead([window], [start], [shared], False).simulate(window, start, shared)
         segment = self.segments[window]
-        places = self.scene.observe(known.at(segment.t)[0], shared)
+        places = self.scene.observe(simulation.at(segment.t)[0], shared)
         return SimulatedWindow(compare_positions(segment, places), np.zeros(0))
 
     def without_shared_jacobian(self) -> SimulatorModel:

@@ -27,7 +27,6 @@ from models.estimation.multiple_shooting.shooting_windows import (
     linearize_window,
     simulate_ahead,
     simulate_window,
-    simulates_together,
 )
 from models.estimation.multiple_shooting.state_elimination import ChainBlock
 from models.numerics.executor import SERIAL, Executor
@@ -163,16 +162,17 @@ def _work_on_group(
 ) -> tuple[list[ChainIterate], list[Any]]:
     starts = tuple(window.start for window in problem.windows)
     blank = Iterate(starts, shared, (NOT_SIMULATED,) * len(starts), np.zeros(len(problem.chains) + 1))
-    known = _replace_chains(problem, blank, dict(zip(chains, parts, strict=True)))
-    point, results = work(problem, known, chains, *more)
+    point = _replace_chains(problem, blank, dict(zip(chains, parts, strict=True)))
+    point, results = work(problem, point, chains, *more)
     own = [_extract_chain(problem, point, chain) for chain in chains]
     return [replace(one, windows=tuple(map(copy_contiguous, one.windows))) for one in own], results
 
 
 def _group_chains(problem: ShootingProblem) -> list[list[int]]:
     """Group all chains; a model that cannot simulate windows together gains nothing from groups."""
-    size = _CHAINS_TOGETHER if simulates_together(problem.model) else 1
-    return [list(range(len(problem.chains)))[first : first + size] for first in range(0, len(problem.chains), size)]
+    chains = list(range(len(problem.chains)))
+    size = _CHAINS_TOGETHER if getattr(problem.model, "simulates_together", False) else 1
+    return [chains[first : first + size] for first in chains[::size]]
 
 
 def _extract_chain(problem: ShootingProblem, point: Iterate, chain: int) -> ChainIterate:

@@ -142,15 +142,10 @@ def simulate_ahead(
     Returns:
         The model for these windows, starts and parameters alone; the same one without that method.
     """
-    if not simulates_together(model):
+    if not getattr(model, "simulates_together", False):
         return model
-    ahead: Callable[..., ShootingModel] = getattr(model, "simulate_ahead")  # noqa: B009  not of the protocol
-    return ahead(windows, starts, shared, has_jacobians)
-
-
-def simulates_together(model: ShootingModel) -> bool:
-    """Return whether a model simulates several windows together faster than one after another."""
-    return bool(getattr(model, "simulates_together", False))
+    together: ShootingModel = model.simulate_ahead(windows, starts, shared, has_jacobians)  # type: ignore[attr-defined]
+    return together
 
 
 def simulate_window(
@@ -348,7 +343,7 @@ class FittedModel:
     @property
     def simulates_together(self) -> bool:
         """Whether the underlying model simulates windows together."""
-        return simulates_together(self.model)
+        return bool(getattr(self.model, "simulates_together", False))
 
     def simulate_ahead(
         self, windows: Sequence[int], starts: Sequence[FloatArray], shared: Sequence[FloatArray], has_jacobians: bool
