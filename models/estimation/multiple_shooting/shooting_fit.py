@@ -61,8 +61,8 @@ _EARLY_SHARES, _LATER_SHARES = (0.2, 0.35, 0.5), (0.7, 0.85)
 # Initial guesses that are followed beyond `_EARLY_SHARES`: a good early fit predicts a good final one, and each costs
 # as much.
 _FOLLOWED_GUESSES = 2
-# Standard deviations of its prior that a shared parameter may move in one step. Where paths are smooth, its distance from
-# the mean of the prior may double: what is many times its usual size is still reached in a few steps.
+# Standard deviations of its prior that a shared parameter may move in one step. Where paths are smooth, its distance
+# from the mean of the prior may double: what is many times its usual size is still reached in a few steps.
 _MAX_PARAMETER_STEP = 1.0
 # Of the states of a chain.
 _SEARCH = SearchOptions(
