@@ -27,7 +27,8 @@ MIN_OBSERVATIONS = 2
 SHORT_SEGMENT_S = 0.5
 # Largest lack of fit at which a fit is accepted without another attempt.
 _GOOD_LACK_OF_FIT = 4.0
-# Median residual from which a simulation has diverged from the observations, standard deviations.
+# Median residual from which a simulation has diverged from the observations, standard deviations; with less noise, a
+# simulation that only lacks something misses by more, and has diverged where it misses by more than all of the motion.
 _DIVERGED_SIGMAS = 30.0
 # Largest number of times that segments are split further.
 _MAX_ROUNDS = 3
@@ -45,6 +46,32 @@ def split_into_segments(problem: DiagnosisProblem, recordings: tuple[Recording, 
     """
     whole = (segment for recording in recordings for segment in problem.scene.split_recording(recording))
     return tuple(segment for segment in whole if segment.is_observed.any(axis=1).sum() >= MIN_ROWS)
+
+
+def thin_out_windows(problem: DiagnosisProblem, recordings: tuple[Recording, ...], most: int) -> tuple[Recording, ...]:
+    """Keep about as many windows as decide, evenly over recordings and their time, so that long ones cost no more.
+
+    Args:
+        problem: Scene and priors.
+        recordings: One recording per shot.
+        most: Number of windows; every recording keeps at least one.
+
+    Returns:
+        The recordings with nothing observed in the other windows; the same ones where there are no more.
+    """
+    windows = [problem.scene.split_recording(one) for one in recordings]
+    total = sum(map(len, windows))
+    if total <= most:
+        return recordings
+    thinned = []
+    for shot, (one, own) in enumerate(zip(recordings, windows, strict=True)):
+        count = max(round(len(own) * most / total), 1)
+        # a part of a cycle that all recordings share falls into another window of each
+        places = (np.arange(count) * len(own) / count + shot * len(own) / count / len(recordings)).astype(int)
+        times = [own[k].t for k in places.tolist()] if own else [one.t]
+        is_kept = np.isin(one.t, np.concatenate(times))
+        thinned.append(replace(one, positions=np.where(is_kept[:, None, None], one.positions, np.nan)))
+    return tuple(thinned)
 
 
 def fit_adaptively(
@@ -214,10 +241,17 @@ def _split_sensitive_segments(problem: DiagnosisProblem, fitted: EffectFit) -> t
         rows, bodies = np.nonzero(segment.is_observed)
         first = find_sensitive_observation(flow.start_jacobian * segment.sigma[rows, bodies][:, None, None])
         cut = int(rows[first]) if first < len(rows) else len(segment.t)
-        if not np.median(np.linalg.norm(flow.residual, axis=1)) <= _DIVERGED_SIGMAS:
+        miss = float(np.median(np.linalg.norm(flow.residual, axis=1)))
+        if not miss <= max(_DIVERGED_SIGMAS, _measure_extent(segment)):
             cut = min(cut, len(segment.t) // 2)
         parts += _split_at_row(segment, cut)
     return tuple(parts)
+
+
+def _measure_extent(segment: Recording) -> float:
+    """Measure how far the observed bodies move, standard deviations."""
+    extent = np.nanmax(segment.positions, axis=0) - np.nanmin(segment.positions, axis=0)
+    return float(np.linalg.norm(extent, axis=1).max() / np.median(segment.sigma[segment.is_observed]))
 
 
 def _split_at_row(segment: Recording, row: int) -> list[Recording]:

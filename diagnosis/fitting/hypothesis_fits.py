@@ -19,7 +19,13 @@ from models.estimation.multiple_shooting.shooting_problem import (
     linearize_chains,
     simulate_chains,
 )
-from models.estimation.multiple_shooting.shooting_windows import ShootingModel, fix_parameters, is_lost, simulate_window
+from models.estimation.multiple_shooting.shooting_windows import (
+    ShootingModel,
+    fix_parameters,
+    is_lost,
+    simulate_ahead,
+    simulate_window,
+)
 from models.estimation.multiple_shooting.state_elimination import ChainBlock
 from models.numerics.executor import SERIAL, Executor
 from models.numerics.least_squares import solve_damped
@@ -224,9 +230,27 @@ def can_simulate(problem: DiagnosisProblem, like: EffectFit, forms: tuple[str, .
     Returns:
         True where all observations can be simulated.
     """
+    return not any(is_lost(misfit).any() for misfit in simulate_misfits(problem, like, forms, shared))
+
+
+def simulate_misfits(
+    problem: DiagnosisProblem, like: EffectFit, forms: tuple[str, ...], shared: FloatArray
+) -> list[FloatArray]:
+    """Simulate the windows of a fit with other parameters.
+
+    Args:
+        problem: Scene and priors.
+        like: Fit with the windows and their start states.
+        forms: One form per choice between contact models.
+        shared: (P,) values of all parameters.
+
+    Returns:
+        Residuals (K, d) of each window.
+    """
     model = build_window_model(problem, like.segments, forms, np.zeros(len(shared), bool))
-    misfits = (simulate_window(model, k, start, shared).residual for k, start in enumerate(like.starts))
-    return not any(is_lost(misfit).any() for misfit in misfits)
+    count = len(like.segments)
+    together = simulate_ahead(model, range(count), like.starts, [shared] * count, has_jacobians=False)
+    return [simulate_window(together, k, start, shared).residual for k, start in enumerate(like.starts)]
 
 
 def fit_start_states(

@@ -5,6 +5,10 @@ residuals of a polynomial are noise. The share of noise of a given autocorrelati
 exactly, so that size and correlation follow from the first two lagged products of the residuals. Segments with a
 contact or an outlier have large residuals and are left out.
 
+What a polynomial misses of a fast motion varies slowly, like correlated noise. It vanishes from shorter segments, and
+noise does not: where segments with a single residual hold clearly less than the noise of longer ones would leave there,
+the longer ones show motion, and the shortest ones the noise, though not its correlation.
+
 The samples are placed at their times, and once more at their frame numbers; the estimate with less noise counts. A
 clock that is wrong by dt adds speed times dt: the numbers of an unevenly sampled recording, and the times of an even
 one where they are rounded to milliseconds.
@@ -33,6 +37,7 @@ from models.estimation.multiple_shooting.shooting_windows import (
     Window,
     drop_shared_jacobian,
     predict_window,
+    simulate_ahead,
 )
 from models.physics.effect import Prior
 
@@ -110,6 +115,10 @@ _MAX_SMOOTH_RATIO = 2.5
 _MAX_CORRELATION = 0.95
 # Extent from which a body moves within a segment, standard deviations.
 _MOVING_SIGMAS = 20.0
+# Frames of the shortest segments: their polynomials leave one residual.
+_LEAST_FRAMES = POLYNOMIAL_DEGREE + 2
+# Ratio to the noise of the shortest segments from which the residuals of longer ones are motion.
+_MOTION_RATIO = 1.5
 # Ratio to the noise of all segments from which that of moving bodies is used: the errors of a body at rest repeat.
 _MOVING_NOISE_RATIO = 1.5
 # Number of segments below which the stated sigmas are used.
@@ -161,7 +170,32 @@ def estimate_noise(recordings: tuple[Recording, ...]) -> NoiseEstimate:
 
 def _estimate_at_times(recordings: Sequence[tuple[Recording, FloatArray]]) -> NoiseEstimate:
     """Estimate the noise of recordings whose samples are placed at times (T,)."""
-    parts = [part for recording, times in recordings for part in _compute_polynomial_residuals(recording, times)]
+    noise, short = (_estimate_in_segments(recordings, frames) for frames in (SEGMENT_FRAMES, _LEAST_FRAMES))
+    if not (noise.is_measured and short.is_measured):
+        return noise
+    spread = np.arange(_LEAST_FRAMES, dtype=np.float64)[None]
+    left = [_compute_residual_products(one, _build_polynomial_bases(spread))[0] for one in (noise.correlation, 0.0)]
+    least = max(short.scale, _measure_rounding([one for one, _ in recordings]))
+    if noise.scale * np.sqrt(left[0] / left[1]) <= _MOTION_RATIO * least:
+        return noise
+    return replace(short, scale=least)
+
+
+def _measure_rounding(recordings: Sequence[Recording]) -> float:
+    """Measure the error of coordinates that are told in steps, in stated sigmas; of several, the median."""
+    errors = []
+    for one in recordings:
+        for body in range(len(one.bodies)):
+            rows = np.flatnonzero(one.is_observed[:, body])
+            steps = [np.diff(np.unique(values)) for values in one.positions[rows, body].T]
+            sigma = float(np.median(one.sigma[rows, body])) if len(rows) else 1.0
+            errors += [float(own.min()) / np.sqrt(12) / sigma for own in steps if len(own)]
+    return float(np.median(errors)) if errors else 0.0
+
+
+def _estimate_in_segments(recordings: Sequence[tuple[Recording, FloatArray]], frames: int) -> NoiseEstimate:
+    """Estimate the noise from segments of as many frames."""
+    parts = [part for recording, times in recordings for part in _compute_residuals(recording, times, frames)]
     if not parts:
         return NoiseEstimate(1.0, 0.0, 0)
     rows, moving, bases = (np.concatenate([part[k] for part in parts]) for k in range(3))
@@ -176,7 +210,7 @@ def _estimate_at_times(recordings: Sequence[tuple[Recording, FloatArray]]) -> No
 
 
 def _estimate_from_residuals(rows: FloatArray, bases: FloatArray) -> NoiseEstimate:
-    """Estimate the noise from residuals (M, SEGMENT_FRAMES) of polynomials with bases (M, SEGMENT_FRAMES, K)."""
+    """Estimate the noise from residuals (M, F) of polynomials with bases (M, F, K)."""
     if not len(rows):
         return NoiseEstimate(1.0, 0.0, 0)
     size = np.square(rows).sum(axis=1)
@@ -185,7 +219,8 @@ def _estimate_from_residuals(rows: FloatArray, bases: FloatArray) -> NoiseEstima
     if len(smooth) < _MIN_SEGMENTS:
         return NoiseEstimate(1.0, 0.0, len(smooth))
     bases = bases[:: -(-len(bases) // _MAX_BASES)]
-    correlation = _estimate_correlation(smooth, bases)
+    # one residual says nothing of a correlation
+    correlation = _estimate_correlation(smooth, bases) if rows.shape[1] > _LEAST_FRAMES else 0.0
     remaining, free = _compute_residual_products(correlation, bases)[0], _degrees_of_freedom(correlation, bases)
     # pieces beyond the limit are missing from the mean as much as chance puts there
     cut = _MAX_SMOOTH_RATIO * chi2.ppf(0.5, free)
@@ -195,30 +230,30 @@ def _estimate_from_residuals(rows: FloatArray, bases: FloatArray) -> NoiseEstima
     )
 
 
-def _compute_polynomial_residuals(
-    recording: Recording, times: FloatArray
+def _compute_residuals(
+    recording: Recording, times: FloatArray, count: int
 ) -> list[tuple[FloatArray, BoolArray, FloatArray]]:
-    """Compute polynomial residuals (M, SEGMENT_FRAMES) in stated sigmas for each body and coordinate.
+    """Compute polynomial residuals (M, F) in stated sigmas for each body and coordinate.
 
-    Segments are runs of SEGMENT_FRAMES samples without a gap. The mask (M,) marks segments in which the body moves; the
-    bases (M, SEGMENT_FRAMES, K) are those of the polynomials at the times of the samples.
+    Segments are runs of F samples (`count`) without a gap. The mask (M,) marks segments in which the body moves; the
+    bases (M, F, K) are those of the polynomials at the times of the samples.
     """
     residuals = []
     is_observed = recording.is_observed
     for body in range(len(recording.bodies)):
         rows = np.flatnonzero(is_observed[:, body])
-        if len(rows) < SEGMENT_FRAMES:
+        if len(rows) < count:
             continue
-        frames, steps = sliding_window_view(recording.frame[rows], SEGMENT_FRAMES), np.diff(times[rows])
+        frames, steps = sliding_window_view(recording.frame[rows], count), np.diff(times[rows])
         # the numbers of a body have gaps where another one was filmed in between
-        is_whole = sliding_window_view(steps, SEGMENT_FRAMES - 1).max(axis=1) < _MAX_STEP_RATIO * steps.min()
-        is_whole |= frames[:, -1] - frames[:, 0] == SEGMENT_FRAMES - 1
-        chosen = np.flatnonzero(is_whole)[:: SEGMENT_FRAMES // 2]
-        bases = _build_polynomial_bases(sliding_window_view(times[rows], SEGMENT_FRAMES)[chosen])
+        is_whole = sliding_window_view(steps, count - 1).max(axis=1) < _MAX_STEP_RATIO * steps.min()
+        is_whole |= frames[:, -1] - frames[:, 0] == count - 1
+        chosen = np.flatnonzero(is_whole)[:: count // 2]
+        bases = _build_polynomial_bases(sliding_window_view(times[rows], count)[chosen])
         # one sigma for a piece: a place over sigmas that differ from row to row is not smooth
-        sigma = np.sqrt(sliding_window_view(recording.sigma[rows, body] ** 2, SEGMENT_FRAMES)[chosen].mean(axis=1))
+        sigma = np.sqrt(sliding_window_view(recording.sigma[rows, body] ** 2, count)[chosen].mean(axis=1))
         for values in recording.positions[rows, body].T:
-            segments = sliding_window_view(values, SEGMENT_FRAMES)[chosen]
+            segments = sliding_window_view(values, count)[chosen]
             absorbed = np.einsum("mik,mjk,mj->mi", bases, bases, segments, optimize=True)
             moving = np.ptp(segments, axis=1) > _MOVING_SIGMAS * sigma
             residuals.append(((segments - absorbed) / sigma[:, None], moving, bases))
@@ -226,7 +261,7 @@ def _compute_polynomial_residuals(
 
 
 def _build_polynomial_bases(times: FloatArray) -> FloatArray:
-    """Build orthonormal bases (M, SEGMENT_FRAMES, K) of the polynomials at times (M, SEGMENT_FRAMES)."""
+    """Build orthonormal bases (M, F, K) of the polynomials at times (M, F)."""
     span = times[:, -1:] - times[:, :1]
     scaled = 2 * (times - times[:, :1]) / span - 1
     return np.asarray(np.linalg.qr(scaled[:, :, None] ** np.arange(POLYNOMIAL_DEGREE + 1))[0])
@@ -240,9 +275,10 @@ def _compute_residual_products(correlation: float, bases: FloatArray) -> tuple[f
 
 
 def _residual_covariances(correlation: float, bases: FloatArray) -> FloatArray:
-    """Return the covariances (M, SEGMENT_FRAMES, SEGMENT_FRAMES) of polynomial residuals of unit noise."""
-    lag = np.abs(np.subtract.outer(np.arange(SEGMENT_FRAMES), np.arange(SEGMENT_FRAMES)))
-    projectors = np.eye(SEGMENT_FRAMES) - bases @ bases.transpose(0, 2, 1)
+    """Return the covariances (M, F, F) of polynomial residuals of unit noise."""
+    frames = np.arange(bases.shape[1])
+    lag = np.abs(np.subtract.outer(frames, frames))
+    projectors = np.eye(len(frames)) - bases @ bases.transpose(0, 2, 1)
     return np.asarray(projectors @ correlation**lag @ projectors)
 
 
@@ -385,6 +421,17 @@ class WhitenedModel:
         if isinstance(simulated, LinearizedWindow):
             return self._whiten_window(window, simulated)
         return replace(simulated, residual=self.chains[window].whiten(simulated.residual))
+
+    @property
+    def simulates_together(self) -> bool:
+        """Whether the model simulates windows together."""
+        return bool(getattr(self.model, "simulates_together", False))
+
+    def simulate_ahead(
+        self, windows: Sequence[int], starts: Sequence[FloatArray], shared: Sequence[FloatArray], has_jacobians: bool
+    ) -> WhitenedModel:
+        """Let the model simulate windows together where it can."""
+        return replace(self, model=simulate_ahead(self.model, windows, starts, shared, has_jacobians))
 
     def without_shared_jacobian(self) -> WhitenedModel:
         """Return the model without derivatives by the shared parameters."""

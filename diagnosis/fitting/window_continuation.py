@@ -20,10 +20,11 @@ from diagnosis.fitting.hypothesis_fits import (
     build_window_model,
     fit_start_states,
     refit_effects,
+    simulate_misfits,
 )
 from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray
-from models.estimation.multiple_shooting.shooting_windows import find_sensitive_observation, simulate_window
+from models.estimation.multiple_shooting.shooting_windows import find_sensitive_observation
 from models.numerics.statistics import evaluate_huber_loss
 
 Item = TypeVar("Item")
@@ -157,9 +158,10 @@ def restart_poor_shots(problem: DiagnosisProblem, fitted: EffectFit) -> EffectFi
 def _restart_windows(problem: DiagnosisProblem, fitted: EffectFit, is_poor: BoolArray) -> EffectFit:
     """Restart poor windows from their initial guesses, with the parameters that the other windows determine.
 
-    A window on a wrong path distorts the shared parameters until no other path fits it.
+    A window on a wrong path distorts the shared parameters until no other path fits it; where paths are smooth, there
+    is no other one.
     """
-    if not is_poor.any() or is_poor.all():
+    if problem.scene.is_smooth or not is_poor.any() or is_poor.all():
         return fitted
     good, poor = np.flatnonzero(~is_poor), np.flatnonzero(is_poor)
     unbent = refit_effects(problem, _select_items(fitted.segments, good), fitted, _select_items(fitted.starts, good))
@@ -252,6 +254,8 @@ def adopt_better_starts(
     Returns:
         The better of both fits.
     """
+    if problem.scene.is_smooth:  # one path fits a window best
+        return fitted
     costs, shots = _window_costs(problem, fitted), np.array([segment.shot for segment in fitted.segments])
     fresh = fit_start_states(problem, fitted.segments, fitted, starts, retry_guesses)
     now, chosen = _window_costs(problem, fresh), list(fitted.starts)
@@ -266,8 +270,7 @@ def adopt_better_starts(
 
 def _window_costs(problem: DiagnosisProblem, fitted: EffectFit) -> FloatArray:
     """Compute (W, 2): the robust cost of every window and its number of observed values."""
-    model = build_window_model(problem, fitted.segments, fitted.forms, np.zeros(len(problem.priors), bool))
-    misfits = [simulate_window(model, k, start, fitted.shared).residual for k, start in enumerate(fitted.starts)]
+    misfits = simulate_misfits(problem, fitted, fitted.forms, fitted.shared)
     return np.array([(evaluate_huber_loss(one)[1], one.size) for one in misfits], dtype=np.float64)
 
 

@@ -12,7 +12,12 @@ from diagnosis.fitting.body_strengths import (
     fit_body_strengths,
     linearize_bodies,
 )
-from diagnosis.fitting.diagnosis_windows import fit_initial_windows, fit_longer_windows, split_into_segments
+from diagnosis.fitting.diagnosis_windows import (
+    fit_initial_windows,
+    fit_longer_windows,
+    split_into_segments,
+    thin_out_windows,
+)
 from diagnosis.fitting.fit_residuals import FitResiduals, ResidualStructure, compute_residuals, find_structure
 from diagnosis.fitting.gap_closure import measure_closure
 from diagnosis.fitting.hypothesis_fits import (
@@ -50,6 +55,7 @@ from diagnosis.selection.unknown_effects import (
 from models.core.recording import Recording
 from models.core.typing import FloatArray
 from models.estimation.gap_scenes.gap_scene import ContactRichScene, GapScene
+from models.estimation.gap_scenes.simulator_scene import SimulatorScene
 from models.estimation.multiple_shooting.shooting_fit import ShootingOptions
 from models.numerics.executor import SERIAL, Executor
 
@@ -57,6 +63,8 @@ from models.numerics.executor import SERIAL, Executor
 #
 # Nine shots of four seconds: with shots of two seconds nearly all effects of usual strength are named.
 ENOUGH_SECONDS = 36.0
+# Windows of all shots together that a search uses of a simulator from outside, each half a typical period or longer.
+ENOUGH_WINDOWS = 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +133,9 @@ def run_study(
     if isinstance(scene, ContactRichScene):
         duration = find_common_duration((*first, *second), ENOUGH_SECONDS)
         first, second = shorten_recordings(first, duration), shorten_recordings(second, duration)
+    if isinstance(scene, SimulatorScene):
+        used = thin_out_windows(problem, (*first, *second), ENOUGH_WINDOWS)
+        first, second = used[: len(first)], used[len(first) :]
     search = _run_search(problem, (*first, *second), on_progress)
     if isinstance(scene, ContactRichScene):
         restart_disagreeing_shots(search)

@@ -106,16 +106,16 @@ class OutsideSimulator(Protocol):
         """Effects that it has itself, with the values of all their parameters; absent ones have neutral values."""
 
     def begin(
-        self, starts: FloatArray, values: Sequence[EffectValues], powered: BoolArray, shot: int, t: float
+        self, starts: FloatArray, values: Sequence[EffectValues], powered: BoolArray, shots: IntArray, t: FloatArray
     ) -> SimulatorRuns:
         """Begin runs side by side.
 
         Args:
             starts: (C, 2N) states.
             values: C values of its own effects; the others are as its file states.
-            powered: (I,) whether an actuator has power.
-            shot: Index of the shot.
-            t: s, time in it.
+            powered: (C, I) whether an actuator has power.
+            shots: (C,) index of the shot.
+            t: (C,) s, time in it.
 
         Returns:
             The runs.
@@ -205,51 +205,100 @@ class Motions:
 _FORCE_INTERVAL = 5e-3
 
 
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """A stretch of a shot that is simulated from C starts, or under C strengths of effects."""
+
+    shot: int
+    span: tuple[float, float]
+    """First and last time, s."""
+    history: InputHistory
+    """Inputs of the shot."""
+    starts: FloatArray
+    """(C, 2N) states at the first time."""
+    values: Sequence[EffectValues]
+    """C values of the effects that act."""
+
+    def count_steps(self, time_step: float) -> int:
+        """Count the steps (s) that it takes."""
+        return max(int(np.ceil((self.span[1] - self.span[0]) / time_step - 1e-6)), 1)
+
+
+# Ratio of the numbers of steps of stretches that are simulated side by side: the shorter ones go on in vain.
+_MAX_STEP_RATIO = 1.2
+# Numbers that the states of runs side by side may have, 80 MB.
+_MAX_NUMBERS = 1e7
+
+
 def simulate_motions(
-    simulator: OutsideSimulator,
-    starts: FloatArray,
-    values: Sequence[EffectValues],
-    shot: int,
-    span: tuple[float, float],
-    history: InputHistory,
-    scales: tuple[Scale, ...],
-) -> Motions:
-    """Simulate a mechanism from several starts, or under several strengths of effects.
+    simulator: OutsideSimulator, stretches: Sequence[Stretch], scales: tuple[Scale, ...]
+) -> list[Motions]:
+    """Simulate a mechanism over several stretches, all of them side by side where their lengths are alike.
+
+    A step costs a multiple where few runs take it together.
 
     Args:
         simulator: That of the mechanism, from outside.
-        starts: (C, 2N) states at the first time.
-        values: C values of the effects that act.
-        shot: Index of the shot.
-        span: First and last time, s.
-        history: Inputs of the shot.
+        stretches: What to simulate.
         scales: N typical sizes of the joints.
 
     Returns:
-        The motions.
+        The motions of each stretch.
     """
-    h = simulator.time_step
-    count = max(int(np.ceil((span[1] - span[0]) / h - 1e-6)), 1)
-    edges: FloatArray = np.asarray(span[0] + h * np.arange(count + 1), np.float64)
-    own = [{name: one for name, one in acting.items() if name in simulator.own_effects} for acting in values]
-    foreign = [{name: one for name, one in acting.items() if name not in simulator.own_effects} for acting in values]
-    inputs = _transform_all_inputs(history, edges, foreign)
+    counts = [one.count_steps(simulator.time_step) for one in stretches]
+    motions = dict[int, Motions]()
+    rest = sorted(range(len(stretches)), key=lambda k: counts[k], reverse=True)
+    while rest:
+        most, runs = counts[rest[0]], np.cumsum([len(stretches[k].starts) for k in rest])
+        fitting = (np.array([counts[k] for k in rest]) * _MAX_STEP_RATIO >= most) & (
+            runs * most * 2 * len(scales) <= _MAX_NUMBERS
+        )
+        together = rest[: max(int(np.argmin([*fitting, False])), 1)]
+        rest = rest[len(together) :]
+        own = _simulate_together(simulator, [stretches[k] for k in together], most, scales)
+        motions |= zip(together, own, strict=True)
+    return [Motions(motions[k].edges[: count + 1], motions[k].states[:, : count + 1]) for k, count in enumerate(counts)]
+
+
+def _simulate_together(
+    simulator: OutsideSimulator, stretches: Sequence[Stretch], count: int, scales: tuple[Scale, ...]
+) -> list[Motions]:
+    """Simulate stretches side by side by a number of steps, also beyond the ends of some."""
+    h, own, foreign, inputs, edges = simulator.time_step, [], list[EffectValues](), [], []
+    for one in stretches:
+        edges.append(np.asarray(one.span[0] + h * np.arange(count + 1), np.float64))
+        outside = [_select_effects(acting, simulator, is_own=False) for acting in one.values]
+        inputs.append(_transform_all_inputs(one.history, edges[-1], outside))
+        foreign += outside
+        own += [_select_effects(acting, simulator, is_own=True) for acting in one.values]
+    sizes = [len(one.starts) for one in stretches]
+    given = np.concatenate(inputs)
     laws = _JointLaws(simulator, foreign, scales)
     hold = max(int(_FORCE_INTERVAL / h), 1) if laws.depend_on_motion else count
-    states = np.full((len(starts), len(edges), starts.shape[1]), np.nan)
-    states[:, 0] = starts
-    runs = simulator.begin(starts, own, history.is_powered(span[0]), shot, span[0])
-    acceleration = total = np.zeros((len(starts), len(scales)))
+    states = np.full((len(foreign), count + 1, 2 * len(scales)), np.nan)
+    states[:, 0] = starts = np.concatenate([one.starts for one in stretches])
+    powered = np.repeat([one.history.is_powered(one.span[0]) for one in stretches], sizes, axis=0)
+    runs = simulator.begin(
+        starts, own, powered,
+        np.repeat([one.shot for one in stretches], sizes), np.repeat([one.span[0] for one in stretches], sizes),
+    )  # fmt: skip
+    acceleration = total = np.zeros((len(foreign), len(scales)))
     for k in range(0, count, hold):
-        q, v = np.split(states[:, k], 2, axis=1)
-        given = laws.apply_dead_band(inputs[:, k : k + hold], q)
-        dt = h * given.shape[1]
+        q, v = states[:, k, : len(scales)], states[:, k, len(scales) :]
+        now = laws.apply_dead_band(given[:, k : k + hold], q)
+        dt = h * now.shape[1]
         force, brake = laws.evaluate(q, v, acceleration, total, dt)
-        states[:, k + 1 : k + 1 + hold] = runs.advance(given, force + brake)
-        total = (states[:, k + given.shape[1], len(scales) :] - v) / dt
+        states[:, k + 1 : k + 1 + hold] = runs.advance(now, force + brake)
+        total = (states[:, k + now.shape[1], len(scales) :] - v) / dt
         # what acts without the brakes, for the next interval
         acceleration = total - brake / laws.inertia
-    return Motions(edges, states)
+    parts = np.split(states, np.cumsum(sizes)[:-1])
+    return [Motions(own_edges, part) for own_edges, part in zip(edges, parts, strict=True)]
+
+
+def _select_effects(values: EffectValues, simulator: OutsideSimulator, is_own: bool) -> EffectValues:
+    """Select the effects that a simulator has itself, or the others."""
+    return {name: one for name, one in values.items() if (name in simulator.own_effects) == is_own}
 
 
 class _JointLaws:
@@ -290,12 +339,13 @@ class _JointLaws:
             if effect.dry is not None:
                 dry += effect.dry(q, speed, own) * strength
         x = rate * dt / self.inertia
-        decay = np.expm1(-x)
-        lasting = -np.divide(decay, x, out=-np.ones_like(x), where=x != 0) - 1
-        brake = self.inertia * (v * decay / dt + acceleration * lasting)
-        end = v + (acceleration + brake / self.inertia) * dt
-        size = self._measure_sizes(end)
-        direction = np.divide(end, size, out=np.zeros_like(end), where=size > 0)
+        with np.errstate(over="ignore", invalid="ignore"):  # of a run that diverges
+            decay = np.expm1(-x)
+            lasting = -np.divide(decay, x, out=-np.ones_like(x), where=x != 0) - 1
+            brake = self.inertia * (v * decay / dt + acceleration * lasting)
+            end = v + (acceleration + brake / self.inertia) * dt
+            size = self._measure_sizes(end)
+            direction = np.divide(end, size, out=np.zeros_like(end), where=size > 0)
         return force, brake - direction * np.minimum(dry, size * self.inertia / dt)
 
     def _measure_sizes(self, v: FloatArray) -> FloatArray:

@@ -7,10 +7,11 @@ a point.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise, product, zip_longest
+from typing import ClassVar
 
 import numpy as np
 
@@ -21,7 +22,9 @@ from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates, neu
 from models.estimation.gap_scenes.outside_simulator import (
     EffectValues,
     InputHistory,
+    Motions,
     OutsideSimulator,
+    Stretch,
     group_joints,
     simulate_motions,
 )
@@ -67,7 +70,7 @@ class SimulatorScene:
     gauges: tuple[str, ...] = ("time_offset",)
     alternatives: tuple[Alternatives, ...] = ()
     # A simulator from outside is slow, and where something large is missing, robust fits creep.
-    least_gain: float = 1e-3
+    least_gain: float = 3e-3
     has_stated_values: bool = True
 
     @cached_property
@@ -188,16 +191,25 @@ class SimulatorScene:
         self, segment: Recording, start: FloatArray, shared: FloatArray, forms: tuple[str, ...]
     ) -> FloatArray:
         """Predict the positions (T, B, 1) of every observed joint at every row of a segment."""
-        return self._observe(self.simulate_states(segment, start, shared), shared)
+        return self.observe(self.simulate_states(segment, start, shared), shared)
 
     def simulate_states(self, segment: Recording, start: FloatArray, shared: FloatArray) -> FloatArray:
         """Simulate the states (T, 2N) of all joints."""
-        return np.asarray(self._simulate(segment, start[None], [shared])[0])
+        return np.asarray(self.simulate([self.plan_stretch(segment, start[None], [shared])])[0].at(segment.t)[0])
 
-    def linearize_positions(
+    def plan_stretch(self, segment: Recording, starts: FloatArray, shared: list[FloatArray]) -> Stretch:
+        """Plan the simulation of a segment from starts (C, 2N) with parameters (P,) each."""
+        span, history = (float(segment.t[0]), float(segment.t[-1])), self.histories[segment.shot]
+        return Stretch(segment.shot, span, history, starts, [self._select_values(one) for one in shared])
+
+    def simulate(self, stretches: list[Stretch]) -> list[Motions]:
+        """Simulate stretches side by side."""
+        return simulate_motions(self.simulator, stretches, self.scales)
+
+    def plan_differences(
         self, segment: Recording, start: FloatArray, shared: FloatArray, needed: IntArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return positions (T, B, 1) and their derivatives by the start (T, B, 1, 2N) and by needed parameters."""
+    ) -> Differences:
+        """Plan the differences of a segment by its start (2N,) and by needed parameters."""
         priors = self.priors
         typical = np.array([one.position for one in self.scales] + [one.speed for one in self.scales])
         steps = np.array([_STRENGTH_PART * priors[k].sigma for k in needed])
@@ -213,24 +225,23 @@ class SimulatorScene:
                     starts[k, one] += changes[one]
                 else:
                     values[k, needed[one - len(start)]] += changes[one]
-        states = self._simulate(segment, starts, list(values))
-        places = [self._observe(one, value) for one, value in zip(states, values, strict=True)]
+        return Differences(self.plan_stretch(segment, starts, list(values)), values, changes, trees, runs)
+
+    def linearize_positions(
+        self, segment: Recording, motions: Motions, differences: Differences
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return positions (T, B, 1) and their derivatives (T, B, 1, 2N + Q) by start and Q needed parameters."""
+        changes, trees = differences.changes, differences.trees
+        states = motions.at(segment.t)
+        places = [self.observe(one, value) for one, value in zip(states, differences.values, strict=True)]
         derivatives = np.zeros((*places[0].shape, len(changes)))
-        for k, columns in enumerate(runs, 1):
+        for k, columns in enumerate(differences.runs, 1):
             # a run beside this one that fails says nothing of the derivative
             moved = np.nan_to_num(places[k] - places[0], posinf=0.0, neginf=0.0)
             for one in columns:
                 own = (self.trees[self.observed] == trees[one]) | (trees[one] < 0)
                 derivatives[..., one] = moved * own[:, None] / changes[one]
-        return places[0], derivatives[..., : len(start)], derivatives[..., len(start) :]
-
-    def _simulate(self, segment: Recording, starts: FloatArray, shared: list[FloatArray]) -> FloatArray:
-        """Simulate states (C, T, 2N) from starts (C, 2N) with parameters (P,) each."""
-        span = float(segment.t[0]), float(segment.t[-1])
-        values = [self._select_values(one) for one in shared]
-        history = self.histories[segment.shot]
-        motions = simulate_motions(self.simulator, starts, values, segment.shot, span, history, self.scales)
-        return motions.at(segment.t)
+        return places[0], derivatives
 
     def _select_values(self, shared: FloatArray) -> EffectValues:
         """Select the values of the effects that act: those that differ from neutral ones, and the simulator's own."""
@@ -246,7 +257,7 @@ class SimulatorScene:
         members = self.members.get(MECHANISM_EFFECTS[name].site)
         return values if members is None else np.where(members < 0, 0.0, values[members])
 
-    def _observe(self, states: FloatArray, shared: FloatArray) -> FloatArray:
+    def observe(self, states: FloatArray, shared: FloatArray) -> FloatArray:
         """Return what sensors measure (T, B, 1) of states (T, 2N)."""
         places = states[:, self.observed]
         sensor = {
@@ -278,6 +289,24 @@ def _share_runs(trees: IntArray) -> list[list[int]]:
     return [[one for one in columns if one is not None] for columns in zip_longest(*of_trees)] + alone
 
 
+@dataclass(frozen=True, slots=True)
+class Differences:
+    """Runs that derivatives of a segment by start and needed parameters are differences of; the first changes nothing.
+
+    A run makes one or several of D changes.
+    """
+
+    stretch: Stretch
+    values: FloatArray
+    """(C, P) parameters of the runs."""
+    changes: FloatArray
+    """(D,) of the start, then of the needed parameters."""
+    trees: IntArray
+    """(D,) tree whose motion alone each of them changes; -1 for several."""
+    runs: list[list[int]]
+    """Numbers of the changes of every run but the first."""
+
+
 @dataclass(frozen=True)
 class SimulatorModel:
     """Multiple-shooting model of a mechanism; the state of a window is position and velocity of every joint."""
@@ -285,35 +314,57 @@ class SimulatorModel:
     scene: SimulatorScene
     segments: tuple[Recording, ...]
     jacobian_mask: BoolArray
-    windows: tuple[Window, ...] = field(init=False)
-    """One window per segment."""
+    ahead: Mapping[int, Motions | tuple[Motions, Differences]] = field(default_factory=dict)
+    """By window: motions that were simulated before they are asked for."""
+    simulates_together: ClassVar[bool] = True
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "windows", tuple(self._build_window(segment) for segment in self.segments))
+    @cached_property
+    def windows(self) -> tuple[Window, ...]:
+        """One window per segment."""
+        return tuple(self._build_window(segment) for segment in self.segments)
 
     @property
     def unknowns(self) -> tuple[Prior, ...]:
         """Priors of the parameters of all effects."""
         return self.scene.priors
 
+    def simulate_ahead(
+        self, windows: Sequence[int], starts: Sequence[FloatArray], shared: Sequence[FloatArray], has_jacobians: bool
+    ) -> SimulatorModel:
+        """Return the model for these windows, starts and parameters alone, with their motions, simulated together."""
+        cases = [(self.segments[k], start, values) for k, start, values in zip(windows, starts, shared, strict=True)]
+        if has_jacobians:
+            needed = np.flatnonzero(self.jacobian_mask)
+            plans = [self.scene.plan_differences(*case, needed) for case in cases]
+            motions = self.scene.simulate([one.stretch for one in plans])
+            return replace(self, ahead=dict(zip(windows, zip(motions, plans, strict=True), strict=True)))
+        stretches = [self.scene.plan_stretch(segment, start[None], [values]) for segment, start, values in cases]
+        return replace(self, ahead=dict(zip(windows, self.scene.simulate(stretches), strict=True)))
+
     def linearize(self, window: int, start: FloatArray, shared: FloatArray) -> LinearizedWindow:
         """Simulate a window with differences, which give the Jacobians."""
+        simulation = self.ahead.get(window)
+        if not isinstance(simulation, tuple):
+            return self.simulate_ahead([window], [start], [shared], True).linearize(window, start, shared)
         segment, needed = self.segments[window], np.flatnonzero(self.jacobian_mask)
-        places, by_start, by_needed = self.scene.linearize_positions(segment, start, shared, needed)
+        places, derivatives = self.scene.linearize_positions(segment, *simulation)
         rows, who = np.nonzero(segment.is_observed)
-        sigma = segment.sigma[rows, who][:, None]
+        derivatives = derivatives[rows, who] / segment.sigma[rows, who][:, None, None]
         by_shared = np.zeros((len(rows), 1, len(shared)))
-        by_shared[:, :, needed] = by_needed[rows, who] / sigma[..., None]
+        by_shared[:, :, needed] = derivatives[..., len(start) :]
         nothing = np.zeros(0)
         return LinearizedWindow(
-            compare_positions(segment, places), by_start[rows, who] / sigma[..., None],
+            compare_positions(segment, places), derivatives[..., : len(start)],
             by_shared, nothing, nothing.reshape(0, len(start)), nothing.reshape(0, len(shared)),
         )  # fmt: skip
 
     def simulate(self, window: int, start: FloatArray, shared: FloatArray) -> SimulatedWindow:
         """Simulate a window without Jacobians."""
+        simulation = self.ahead.get(window)
+        if not isinstance(simulation, Motions):
+            return self.simulate_ahead([window], [start], [shared], False).simulate(window, start, shared)
         segment = self.segments[window]
-        places = self.scene.predict_positions(segment, start, shared, ())
+        places = self.scene.observe(simulation.at(segment.t)[0], shared)
         return SimulatedWindow(compare_positions(segment, places), np.zeros(0))
 
     def without_shared_jacobian(self) -> SimulatorModel:

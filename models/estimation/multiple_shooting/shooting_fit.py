@@ -61,7 +61,8 @@ _EARLY_SHARES, _LATER_SHARES = (0.2, 0.35, 0.5), (0.7, 0.85)
 # Initial guesses that are followed beyond `_EARLY_SHARES`: a good early fit predicts a good final one, and each costs
 # as much.
 _FOLLOWED_GUESSES = 2
-# Standard deviations of its prior that a shared parameter may move in one step.
+# Standard deviations of its prior that a shared parameter may move in one step. Where paths are smooth, its distance
+# from the mean of the prior may double: what is many times its usual size is still reached in a few steps.
 _MAX_PARAMETER_STEP = 1.0
 # Of the states of a chain.
 _SEARCH = SearchOptions(
@@ -281,7 +282,7 @@ def _minimize_cost(problem: ShootingProblem, now: Iterate, options: ShootingOpti
         now,
         now.cost,
         lambda now: (now, assemble_normal_equations(problem, now)),
-        lambda linear, damping: _solve_step(problem, *linear, damping),
+        lambda linear, damping: _solve_step(problem, *linear, damping, options.is_smooth),
         move,
         replace(_SEARCH, iterations=options.iterations, quiet_steps=2, min_relative_gain=problem.least_gain),
     )
@@ -444,15 +445,13 @@ def _move_starts(
 
 
 def _solve_step(
-    problem: ShootingProblem, now: Iterate, blocks: list[ChainBlock], damping: float
+    problem: ShootingProblem, now: Iterate, blocks: list[ChainBlock], damping: float, may_double: bool = False
 ) -> tuple[FloatArray, list[FloatArray], FloatArray]:
     """Compute the steps of the shared parameters (P,) and of the states of every chain, and the gradient (P,)."""
     scale, prior_h, prior_g = prior_terms(problem.model.unknowns, now.shared)
     coordinates, low, high = coordinate_bounds(problem.model.unknowns, now.shared)
     gradient: FloatArray = prior_g + sum(block.shared_gradient for block in blocks)
     is_fixed = ((coordinates <= low) & (gradient > 0)) | ((coordinates >= high) & (gradient < 0))
-    reach = (
-        np.maximum(low - coordinates, -_MAX_PARAMETER_STEP / scale),
-        np.minimum(high - coordinates, _MAX_PARAMETER_STEP / scale),
-    )
+    longest = np.maximum(_MAX_PARAMETER_STEP, np.abs(prior_g / scale) * may_double) / scale
+    reach = np.maximum(low - coordinates, -longest), np.minimum(high - coordinates, longest)
     return *eliminate_states(blocks, np.diag(prior_h), prior_g, damping, is_fixed, reach), gradient

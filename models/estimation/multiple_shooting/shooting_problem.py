@@ -25,6 +25,7 @@ from models.estimation.multiple_shooting.shooting_windows import (
     copy_contiguous,
     drop_shared_jacobian,
     linearize_window,
+    simulate_ahead,
     simulate_window,
 )
 from models.estimation.multiple_shooting.state_elimination import ChainBlock
@@ -34,6 +35,8 @@ from models.physics.effect import Prior
 
 # Relative gain of a step below which a search ends.
 LEAST_GAIN = 1e-6
+# Chains that a model simulates together in one task, where it can.
+_CHAINS_TOGETHER = 16
 # Stands for a window that was not simulated.
 NOT_SIMULATED = SimulatedWindow(np.empty((0, 1)), np.empty(0))
 
@@ -122,20 +125,54 @@ def map_chains(
     Returns:
         The changed iterate, and the results in the order of `chains`.
     """
-    jobs = [(_extract_chain(problem, point, chain), point.shared, chain, work, *more) for chain in chains]
-    done = problem.executor.map_tasks(problem, _work_on_chain, jobs)
-    parts = {chain: part for chain, (part, _) in zip(chains, done, strict=True)}
-    return _replace_chains(problem, point, parts), [result for _, result in done]
+    return _map_groups(problem, _work_on_each, point, [[chain] for chain in chains], work, *more)
 
 
-def _work_on_chain(
-    problem: ShootingProblem, part: ChainIterate, shared: FloatArray, chain: int, work: Callable[..., Any], *more: Any
-) -> tuple[ChainIterate, Any]:
+def _work_on_each(
+    problem: ShootingProblem, point: Iterate, chains: Sequence[int], work: Callable[..., Any], *more: Any
+) -> tuple[Iterate, list[Any]]:
+    results = []
+    for chain in chains:
+        point, result = work(problem, point, chain, *more)
+        results.append(result)
+    return point, results
+
+
+def _map_groups(
+    problem: ShootingProblem, work: Callable[..., Any], point: Iterate, groups: Sequence[Sequence[int]], *more: Any
+) -> tuple[Iterate, list[Any]]:
+    """Run one task per group of chains, as `map_chains` does; its result is a list with one entry per chain."""
+    jobs = [
+        ([_extract_chain(problem, point, chain) for chain in chains], point.shared, chains, work, *more)
+        for chains in groups
+    ]
+    done = problem.executor.map_tasks(problem, _work_on_group, jobs)
+    parts = {chain: part for chains, (own, _) in zip(groups, done, strict=True)
+             for chain, part in zip(chains, own, strict=True)}  # fmt: skip
+    return _replace_chains(problem, point, parts), [result for _, results in done for result in results]
+
+
+def _work_on_group(
+    problem: ShootingProblem,
+    parts: list[ChainIterate],
+    shared: FloatArray,
+    chains: Sequence[int],
+    work: Callable[..., Any],
+    *more: Any,
+) -> tuple[list[ChainIterate], list[Any]]:
     starts = tuple(window.start for window in problem.windows)
     blank = Iterate(starts, shared, (NOT_SIMULATED,) * len(starts), np.zeros(len(problem.chains) + 1))
-    point, result = work(problem, _replace_chains(problem, blank, {chain: part}), chain, *more)
-    own = _extract_chain(problem, point, chain)
-    return replace(own, windows=tuple(map(copy_contiguous, own.windows))), result
+    point = _replace_chains(problem, blank, dict(zip(chains, parts, strict=True)))
+    point, results = work(problem, point, chains, *more)
+    own = [_extract_chain(problem, point, chain) for chain in chains]
+    return [replace(one, windows=tuple(map(copy_contiguous, one.windows))) for one in own], results
+
+
+def _group_chains(problem: ShootingProblem) -> list[list[int]]:
+    """Group all chains; a model that cannot simulate windows together gains nothing from groups."""
+    chains = list(range(len(problem.chains)))
+    size = _CHAINS_TOGETHER if getattr(problem.model, "simulates_together", False) else 1
+    return [chains[first : first + size] for first in chains[::size]]
 
 
 def _extract_chain(problem: ShootingProblem, point: Iterate, chain: int) -> ChainIterate:
@@ -166,20 +203,33 @@ def simulate_chains(problem: ShootingProblem, starts: tuple[FloatArray, ...], sh
         The iterate at these values.
     """
     point = Iterate(starts, shared, (NOT_SIMULATED,) * len(starts), np.zeros(len(problem.chains) + 1))
-    point, _ = map_chains(problem, _simulate_chain_task, point, range(len(problem.chains)))
+    point, _ = _map_groups(problem, _simulate_chains_task, point, _group_chains(problem))
     point.costs[-1] = prior_cost(problem.model.unknowns, shared)
     return point
 
 
-def _simulate_chain_task(problem: ShootingProblem, point: Iterate, chain: int) -> tuple[Iterate, None]:
-    return simulate_chain(problem, point, chain, point.starts), None
+def _simulate_chains_task(
+    problem: ShootingProblem, point: Iterate, chains: Sequence[int]
+) -> tuple[Iterate, list[None]]:
+    numbers = [k for chain in chains for k in problem.chains[chain]]
+    own = [point.starts[k] for k in numbers]
+    model = simulate_ahead(problem.model, numbers, own, [point.shared] * len(own), has_jacobians=False)
+    for chain in chains:
+        point = simulate_chain(problem, point, chain, point.starts, model)
+    return point, [None] * len(chains)
 
 
-def simulate_chain(problem: ShootingProblem, point: Iterate, chain: int, starts: tuple[FloatArray, ...]) -> Iterate:
-    """Replace the start states of one chain by those of `starts` and simulate it."""
+def simulate_chain(
+    problem: ShootingProblem,
+    point: Iterate,
+    chain: int,
+    starts: tuple[FloatArray, ...],
+    model: ShootingModel | None = None,
+) -> Iterate:
+    """Replace the start states of one chain by those of `starts` and simulate it, with a model that may know them."""
     predictions, costs = list(point.windows), point.costs.copy()
     for k in problem.chains[chain]:
-        predictions[k] = simulate_window(problem.model, k, starts[k], point.shared)
+        predictions[k] = simulate_window(model or problem.model, k, starts[k], point.shared)
     simulated = Iterate(starts, point.shared, tuple(predictions), costs)
     costs[chain] = chain_cost(problem, simulated, chain)
     return simulated
@@ -195,22 +245,31 @@ def linearize_chains(problem: ShootingProblem, point: Iterate) -> tuple[Iterate,
     Returns:
         The iterate with all Jacobians, and one block of normal equations per chain.
     """
-    return map_chains(problem, _linearize_chain_task, point, range(len(problem.chains)))
+    return _map_groups(problem, _linearize_chains_task, point, _group_chains(problem))
 
 
 def assemble_normal_equations(problem: ShootingProblem, point: Iterate) -> list[ChainBlock]:
     """Assemble the normal equations of every chain: states, shared search coordinates, and their coupling."""
-    return map_chains(problem, _assemble_chain_task, point, range(len(problem.chains)))[1]
+    return _map_groups(problem, _assemble_chains_task, point, _group_chains(problem))[1]
 
 
-def _linearize_chain_task(problem: ShootingProblem, point: Iterate, chain: int) -> tuple[Iterate, ChainBlock]:
+def _linearize_chains_task(
+    problem: ShootingProblem, point: Iterate, chains: Sequence[int]
+) -> tuple[Iterate, list[ChainBlock]]:
     scale = value_derivatives(problem.model.unknowns, point.shared)
-    linearized = _linearize_windows(problem, point, chain, problem.model)
-    return linearized, _assemble_block(problem, linearized, chain, 1.0, scale)
+    numbers = [k for chain in chains for k in problem.chains[chain]]
+    numbers = [k for k in numbers if isinstance(point.windows[k], SimulatedWindow)]
+    own = [point.starts[k] for k in numbers]
+    model = simulate_ahead(problem.model, numbers, own, [point.shared] * len(own), has_jacobians=True)
+    for chain in chains:
+        point = _linearize_windows(problem, point, chain, model)
+    return point, [_assemble_block(problem, point, chain, 1.0, scale) for chain in chains]
 
 
-def _assemble_chain_task(problem: ShootingProblem, point: Iterate, chain: int) -> tuple[Iterate, ChainBlock]:
-    return point, _linearize_chain_task(problem, point, chain)[1]
+def _assemble_chains_task(
+    problem: ShootingProblem, point: Iterate, chains: Sequence[int]
+) -> tuple[Iterate, list[ChainBlock]]:
+    return point, _linearize_chains_task(problem, point, chains)[1]
 
 
 def _linearize_windows(problem: ShootingProblem, point: Iterate, chain: int, model: ShootingModel) -> Iterate:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Protocol
 
@@ -90,8 +90,8 @@ class ShootingModel(Protocol):
     """A scene that multiple shooting can fit.
 
     It may also have the methods `simulate(window, start, shared)`, which returns a `SimulatedWindow` and is faster than
-    `linearize`, and `without_shared_jacobian()`, which returns a model whose Jacobians by the shared parameters are
-    empty.
+    `linearize`; `without_shared_jacobian()`, which returns a model whose Jacobians by the shared parameters are empty;
+    and, where `simulates_together` is true, `simulate_ahead`, for which see the function of this name.
     """
 
     @property
@@ -121,6 +121,31 @@ def drop_shared_jacobian(model: ShootingModel) -> ShootingModel:
     """
     narrow: Callable[[], ShootingModel] | None = getattr(model, "without_shared_jacobian", None)
     return model if narrow is None else narrow()
+
+
+def simulate_ahead(
+    model: ShootingModel,
+    windows: Sequence[int],
+    starts: Sequence[FloatArray],
+    shared: Sequence[FloatArray],
+    has_jacobians: bool,
+) -> ShootingModel:
+    """Let a model simulate windows together that are about to be predicted, where it can and that is faster.
+
+    Args:
+        model: Model, with a method `simulate_ahead` where it `simulates_together`.
+        windows: Indices of windows.
+        starts: (S,) start state of each of them.
+        shared: (P,) shared parameters for each of them.
+        has_jacobians: Whether the windows will be linearized.
+
+    Returns:
+        The model for these windows, starts and parameters alone; the same one without that method.
+    """
+    if not getattr(model, "simulates_together", False):
+        return model
+    together: ShootingModel = model.simulate_ahead(windows, starts, shared, has_jacobians)  # type: ignore[attr-defined]
+    return together
 
 
 def simulate_window(
@@ -314,6 +339,18 @@ class FittedModel:
         body = int(self.body[window])
         simulated = predict_window(self.model, window, start, self.fill_values(body, shared))
         return simulated if isinstance(simulated, SimulatedWindow) else self._spread_columns(body, simulated)
+
+    @property
+    def simulates_together(self) -> bool:
+        """Whether the underlying model simulates windows together."""
+        return bool(getattr(self.model, "simulates_together", False))
+
+    def simulate_ahead(
+        self, windows: Sequence[int], starts: Sequence[FloatArray], shared: Sequence[FloatArray], has_jacobians: bool
+    ) -> FittedModel:
+        """Let the underlying model simulate windows together where it can."""
+        values = [self.fill_values(int(self.body[k]), one) for k, one in zip(windows, shared, strict=True)]
+        return replace(self, model=simulate_ahead(self.model, windows, starts, values, has_jacobians))
 
     def without_shared_jacobian(self) -> FittedModel:
         """Return the model for steps of the start states alone."""

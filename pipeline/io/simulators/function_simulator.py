@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from models.core.errors import OptionError
-from models.core.typing import BoolArray, FloatArray
+from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.gap_scenes.outside_simulator import Drive, EffectValues, Joint
 
 # s
@@ -114,7 +114,7 @@ class FunctionSimulator:
         return _import_again, (str(Path.cwd()), self.module, self.function, self.joints, self.inputs, self.time_step)
 
     def begin(
-        self, starts: FloatArray, values: Sequence[EffectValues], powered: BoolArray, shot: int, t: float
+        self, starts: FloatArray, values: Sequence[EffectValues], powered: BoolArray, shots: IntArray, t: FloatArray
     ) -> FunctionRuns:
         """Begin runs side by side; see `OutsideSimulator.begin`."""
         return FunctionRuns(self, starts)

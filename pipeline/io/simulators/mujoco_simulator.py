@@ -187,16 +187,19 @@ class MujocoSimulator:
             model.actuator_gainprm[:] *= first[:, None]
             model.actuator_biasprm[:, :2] *= first[:, None]
             model.actuator_biasprm[:, 2] *= parts[1]
+            model.actuator_forcerange[:] *= parts[2][:, None]
 
     def begin(
-        self, starts: FloatArray, values: Sequence[EffectValues], powered: BoolArray, shot: int, t: float
+        self, starts: FloatArray, values: Sequence[EffectValues], powered: BoolArray, shots: IntArray, t: FloatArray
     ) -> MujocoRuns:
         """Begin runs side by side; see `OutsideSimulator.begin`."""
         full = np.empty((len(starts), self._size))
         for state, own in zip(starts, full, strict=True):
             self._set_state(state)
             self._mujoco.mj_getState(self.model, self.data, own, self._mujoco.mjtState.mjSTATE_FULLPHYSICS)
-        return MujocoRuns(self, [self._find_copy(own, powered) for own in values], full)
+        return MujocoRuns(
+            self, [self._find_copy(own, has_power) for own, has_power in zip(values, powered, strict=True)], full
+        )
 
     def _set_state(self, state: FloatArray) -> None:
         """Bring the data of MuJoCo into a state (2N,)."""
@@ -301,7 +304,7 @@ class MujocoSimulator:
             "payload": (0.0,),
         }
         if model.nu:
-            own["actuator_gain"] = (1.0,) * (2 * model.nu)
+            own["actuator_gain"] = (1.0,) * (3 * model.nu)
         return own
 
 

@@ -12,7 +12,7 @@ from types import MappingProxyType
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from models.core.typing import BoolArray, FloatArray
+from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.gap_scenes.outside_simulator import Drive, EffectValues, Joint
 
 
@@ -34,10 +34,10 @@ class RecordedSimulator:
         self.time_step = float(np.median(np.concatenate([np.diff(t) for t, _ in paths.values()])))
 
     def begin(
-        self, starts: FloatArray, values: Sequence[EffectValues], powered: BoolArray, shot: int, t: float
+        self, starts: FloatArray, values: Sequence[EffectValues], powered: BoolArray, shots: IntArray, t: FloatArray
     ) -> RecordedRuns:
         """Begin runs side by side; see `OutsideSimulator.begin`."""
-        return RecordedRuns(self, starts - self.read_path(shot, np.array([t])), shot, t)
+        return RecordedRuns(self, starts, shots, t)
 
     def read_path(self, shot: int, t: FloatArray) -> FloatArray:
         """Read the recorded states (T, 2N) at times (T,)."""
@@ -48,15 +48,21 @@ class RecordedSimulator:
 class RecordedRuns:
     """Deviations from a recorded path, which move freely; see `OutsideSimulator` for runs."""
 
-    def __init__(self, simulator: RecordedSimulator, deviation: FloatArray, shot: int, t: float) -> None:
-        self._simulator, self._deviation, self._shot, self._t = simulator, deviation, shot, t
+    def __init__(self, simulator: RecordedSimulator, starts: FloatArray, shots: IntArray, t: FloatArray) -> None:
+        self._simulator, self._passed = simulator, 0.0
+        self._stretches, self._place = np.unique(np.stack([shots, t], axis=1), axis=0, return_inverse=True)
+        self._deviation = starts - self._read_paths(np.zeros(1))[:, 0]
 
     def advance(self, inputs: FloatArray, force: FloatArray) -> FloatArray:
         """Let the runs go on by M steps."""
-        span = self._simulator.time_step * np.arange(1, inputs.shape[1] + 1)[None, :, None]
+        times = self._simulator.time_step * np.arange(1, inputs.shape[1] + 1)
+        span, push = times[None, :, None], force[:, None]
         off, speed = np.split(self._deviation[:, None], 2, axis=2)
-        push = force[:, None]
         deviation = np.concatenate([off + span * speed + span**2 / 2 * push, speed + span * push], axis=2)
-        times = self._t + span[0, :, 0]
-        self._deviation, self._t = deviation[:, -1], float(times[-1])
-        return np.asarray(self._simulator.read_path(self._shot, times) + deviation)
+        self._deviation, self._passed = deviation[:, -1], self._passed + times[-1]
+        return np.asarray(self._read_paths(times - times[-1]) + deviation)
+
+    def _read_paths(self, times: FloatArray) -> FloatArray:
+        """Read the recorded states (C, M, 2N) at times (M,) s after those until which the runs have gone on."""
+        paths = [self._simulator.read_path(int(shot), t + self._passed + times) for shot, t in self._stretches]
+        return np.asarray(np.array(paths)[self._place])

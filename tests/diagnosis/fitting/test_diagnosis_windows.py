@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.pucks import Pucks
 from support.simulated_shots import TABLE
 
-from diagnosis.fitting.diagnosis_windows import MIN_ROWS, _find_split_rows, fit_adaptively, fit_initial_windows
+from diagnosis.fitting.diagnosis_windows import (
+    MIN_ROWS,
+    _find_split_rows,
+    fit_adaptively,
+    fit_initial_windows,
+    thin_out_windows,
+)
 from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem, linearize_fit
 from models.core.recording import Recording
 from models.core.tracks import TABLE_PLANE
@@ -34,6 +42,14 @@ def record_rolling_ball(shot: int, lost_after: int, lost: int, fps: float = 60.0
     return Recording(shot, np.arange(len(t)), t, ("cue",), xy[:, None], np.full((len(t), 1), 5e-4), TABLE_PLANE)
 
 
+class SplitScene(Pucks):
+    """A scene with windows of 24 rows in which something is observed."""
+
+    def split_recording(self, recording: Recording) -> tuple[Recording, ...]:
+        parts = (recording.select_rows(first, first + 24) for first in range(0, len(recording.t), 24))
+        return tuple(part for part in parts if part.is_observed.any())
+
+
 @pytest.mark.parametrize("lost_after", [29, 30, 47])
 def test_missing_frames_show_also_where_a_window_would_begin_after_them(lost_after: int) -> None:
     """Windows of half a second began at the first frame after them, and no fit could tell."""
@@ -57,3 +73,15 @@ def test_windows_reach_across_a_row_and_stay_long_enough(fps: int) -> None:
         assert np.diff(firsts).min() >= MIN_ROWS
         assert np.abs(firsts[1:-1] - row).min(initial=MIN_ROWS) >= MIN_ROWS
         assert len(firsts) >= len(_find_split_rows(segment, 0.5)) - 1
+
+
+def test_long_recordings_keep_as_many_windows_as_decide() -> None:
+    """They are spread over all recordings, each of which keeps one."""
+    scene = SplitScene()
+    shots = tuple(record_rolling_ball(shot, 0, 0, fps) for shot, fps in enumerate((240.0, 120.0, 12.0)))
+    problem = replace(build_diagnosis_problem(Pucks(), 0.0), scene=scene)
+    kept = [scene.split_recording(one) for one in thin_out_windows(problem, shots, 12)]
+    assert [len(scene.split_recording(one)) for one in shots] == [20, 10, 1]
+    assert [len(one) for one in kept] == [8, 4, 1]
+    assert kept[0][-1].t[-1] > 1.5
+    assert thin_out_windows(problem, shots, 100) is shots

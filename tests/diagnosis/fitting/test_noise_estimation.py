@@ -98,3 +98,28 @@ def test_a_kink_in_a_path_is_no_outlier() -> None:
     bent[45:, :, 0] += 1.5 * (one.t[45:] - one.t[45])[:, None]
     noisy = apply_noise_estimate((replace(one, positions=bent),), estimate_noise((one,)))
     assert noisy[0].is_observed.all()
+
+
+def turn(rng: np.random.Generator, step: float, noise: float) -> tuple[Recording, ...]:
+    """Six runs of an arm that turns to and fro within a segment, with an encoder of these steps."""
+    t, shots = np.arange(150) / 50, []
+    for shot in range(6):
+        waves = (0.3 * np.sin(2 * np.pi * rate * t + rng.uniform(0, 6)) for rate in rng.uniform(2, 4, 3))
+        seen = sum(waves, rng.normal(0, noise, len(t)))
+        seen = np.round(seen / step) * step
+        shots.append(replace(record_points(t, seen[:, None, None], shot=shot), sigma=np.full((len(t), 1), 0.001)))
+    return tuple(shots)
+
+
+@pytest.mark.parametrize(("step", "noise"), [(1e-6, 0.004), (0.012, 0.0)])
+def test_a_motion_faster_than_a_segment_is_no_correlated_noise(step: float, noise: float) -> None:
+    """What a polynomial of 21 samples misses of it would be noise of 90 mrad with a correlation of 0.95."""
+    estimate = estimate_noise(turn(np.random.default_rng(0), step, noise))
+    assert abs(estimate.scale / (1000 * np.hypot(noise, step / np.sqrt(12))) - 1) < 0.25
+    assert estimate.correlation == 0
+
+
+@pytest.mark.parametrize("correlation", [0.85, 0.95])
+def test_strongly_correlated_noise_stays_noise(correlation: float) -> None:
+    noise = estimate_noise(film(np.random.default_rng(0), GLIDING, Filming(correlation=correlation)))
+    assert noise.correlation > 0.65

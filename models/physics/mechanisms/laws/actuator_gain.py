@@ -1,4 +1,7 @@
-"""Actuator gain: an actuator does more, or less, than the simulator assumes; a servo also has a gain of its speed."""
+"""Actuator gain: an actuator does more, or less, than the simulator assumes.
+
+A servo also has a gain of its speed, and either may have another largest force.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +16,10 @@ EFFECT = MechanismEffect(
     site="actuator",
     strengths=tuple(
         MechanismStrength(
-            name, lambda scale: "1", lambda scale: _USUAL, lambda scale: 1.0, -1 / _USUAL, 7.0, name == "damping"
+            name, lambda scale: "1", lambda scale: _USUAL, lambda scale: 1.0, -1 / _USUAL, 7.0, name != "gain"
         )
-        for name in ("gain", "damping")
+        for name in ("gain", "damping", "limit")
     ),
     partners=("saturation", "armature"),
-    reference="Force of the actuator over that of the simulator, and of a servo's damping over that of the simulator",
+    reference="Force of the actuator over that of the simulator, of a servo's damping, and of its largest force",
 )

@@ -8,13 +8,14 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from models.core.typing import BoolArray, FloatArray
+from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.gap_scenes.outside_simulator import (
     Drive,
     EffectValues,
     InputHistory,
     Joint,
     Motions,
+    Stretch,
     group_joints,
     simulate_motions,
 )
@@ -44,7 +45,7 @@ class FreeBody:
         return (self.servo,)
 
     def begin(
-        self, starts: FloatArray, values: Sequence[EffectValues], powered: BoolArray, shot: int, t: float
+        self, starts: FloatArray, values: Sequence[EffectValues], powered: BoolArray, shots: IntArray, t: FloatArray
     ) -> FreeRuns:
         assert not any(values)
         return FreeRuns(self, starts)
@@ -66,9 +67,16 @@ class FreeRuns:
         return np.stack(path, axis=1)
 
 
+def simulate_body(
+    body: FreeBody, starts: FloatArray, values: Sequence[EffectValues], history: InputHistory, end: float
+) -> Motions:
+    stretch = Stretch(0, (0.0, end), history, starts, values)
+    return simulate_motions(body, [stretch], SCALES * len(body.joints))[0]
+
+
 def push_body(values: EffectValues, push: FloatArray, t: FloatArray, speed: float = 0.0) -> Motions:
     start, history = np.array([[0.0, speed]]), InputHistory(t, push[:, None])
-    return simulate_motions(FreeBody(), start, [values], 0, (t[0], t[-1]), history, SCALES)
+    return simulate_body(FreeBody(), start, [values], history, t[-1])
 
 
 def test_inputs_hold_from_row_to_row_and_delays_shift_them():
@@ -166,10 +174,10 @@ def test_a_servo_has_a_dead_band_about_its_place():
     t = np.linspace(0, 0.1, 11)
     values: EffectValues = {"dead_band": (np.array([0.3]),)}
     history = InputHistory(t, np.full((11, 1), 0.2))
-    simulate_motions(body, np.array([[0.0, 0.0]]), [values], 0, (0.0, 0.1), history, SCALES)
+    simulate_body(body, np.array([[0.0, 0.0]]), [values], history, 0.1)
     assert max(body.given) == pytest.approx(0.0)  # asked for its own place
     history = InputHistory(t, np.full((11, 1), 0.5))
-    simulate_motions(body, np.array([[0.0, 0.0]]), [values], 0, (0.0, 0.1), history, SCALES)
+    simulate_body(body, np.array([[0.0, 0.0]]), [values], history, 0.1)
     assert body.given[-1] == pytest.approx(0.2, abs=2e-3)
 
 
@@ -178,10 +186,24 @@ def test_runs_side_by_side_are_the_runs_alone():
     history = InputHistory(t, np.sin(10 * t)[:, None])
     starts = np.array([[0.0, 1.0], [0.1, -2.0], [0.0, 0.0]])
     values: list[EffectValues] = [{}, {"air_drag": (np.array([2.0]),)}, {"stribeck": (np.ones(1), np.array([0.1]))}]
-    together = simulate_motions(FreeBody(), starts, values, 0, (0.0, 0.5), history, SCALES).states
+    together = simulate_body(FreeBody(), starts, values, history, 0.5).states
     for start, own, path in zip(starts, values, together, strict=True):
-        alone = simulate_motions(FreeBody(), start[None], [own], 0, (0.0, 0.5), history, SCALES).states[0]
+        alone = simulate_body(FreeBody(), start[None], [own], history, 0.5).states[0]
         np.testing.assert_allclose(path, alone, atol=1e-12)
+
+
+def test_stretches_side_by_side_are_the_stretches_alone():
+    """Whatever their times, inputs and lengths are; those of unlike lengths are simulated apart."""
+    t = np.linspace(0, 0.5, 11)
+    drag: EffectValues = {"air_drag": (np.array([2.0]),)}
+    stretches = [
+        Stretch(shot, span, InputHistory(t, np.sin(rate * t)[:, None]), np.array([[0.0, 1.0], [0.1, -2.0]]), [{}, drag])
+        for shot, (span, rate) in enumerate([((0.0, 0.1), 9.0), ((0.05, 0.5), 5.0), ((0.12, 0.21), 3.0)])
+    ]
+    for one, both in zip(stretches, simulate_motions(FreeBody(), stretches, SCALES), strict=True):
+        alone = simulate_motions(FreeBody(), [one], SCALES)[0]
+        np.testing.assert_array_equal(both.edges, alone.edges)
+        np.testing.assert_allclose(both.states, alone.states, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", sorted(MECHANISM_EFFECTS))
@@ -201,7 +223,7 @@ def test_drag_of_a_free_body_acts_against_its_velocity():
     t = np.linspace(0, 2, 5)
     start, k = np.array([[0.0, 0.0, 3.0, 4.0]]), 0.2
     drag = {"air_drag": (np.full(2, k),)}
-    motions = simulate_motions(body, start, [drag], 0, (0.0, 2.0), InputHistory(t, np.zeros((5, 1))), SCALES * 2)
+    motions = simulate_body(body, start, [drag], InputHistory(t, np.zeros((5, 1))), 2.0)
     path = np.log1p(5.0 * k * t) / k
     np.testing.assert_allclose(motions.at(t)[0, :, :2], path[:, None] * [0.6, 0.8], rtol=2e-5)
 

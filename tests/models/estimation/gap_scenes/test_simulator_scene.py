@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from models.core.recording import Recording, ReferenceFrame
+from models.core.typing import FloatArray, IntArray
 from models.estimation.gap_scenes.outside_simulator import InputHistory
 from models.estimation.gap_scenes.simulator_scene import SimulatorScene, build_simulator_scene
 from models.estimation.multiple_shooting.shooting_fit import ShootingOptions, fit_windows
@@ -40,6 +41,13 @@ def build_scene(bodies: str, names: tuple[str, ...]) -> tuple[SimulatorScene, Re
     return build_simulator_scene(simulator, (recording,), {0: InputHistory(t, np.zeros((60, 0)))}), recording
 
 
+def linearize(
+    scene: SimulatorScene, recording: Recording, start: FloatArray, needed: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    plan = scene.plan_differences(recording, start, scene.neutral, needed)
+    return scene.linearize_positions(recording, scene.simulate([plan.stretch])[0], plan)
+
+
 def test_joints_that_do_not_change_each_other_share_simulations_and_keep_their_derivatives():
     scene, recording = build_scene(SWING.format(0, "one", 0.4) + SWING.format(1, "two", 0.3), ("one", "two"))
     together = replace(
@@ -47,7 +55,7 @@ def test_joints_that_do_not_change_each_other_share_simulations_and_keep_their_d
     )  # one tree: every derivative has a simulation of its own
     start = np.array([0.5, -0.4, 1.0, 0.5])
     needed = np.flatnonzero([owner in ("joint_friction", "air_drag", "gravity") for owner in scene.owners])
-    shared, alone = (one.linearize_positions(recording, start, one.neutral, needed) for one in (scene, together))
+    shared, alone = (linearize(one, recording, start, needed) for one in (scene, together))
     assert scene.parameter_trees[needed].max() == 1
     for mine, other in zip(shared, alone, strict=True):
         np.testing.assert_allclose(mine, other, atol=1e-9)
@@ -115,3 +123,51 @@ def test_bodies_that_touch_or_are_tied_do_not_share_simulations(constraint: str,
     found = simulator.find_touching(np.array([[0.0, 0.0], [1.0 - gap, 0.0]]))
     assert len({joint.tree for joint in found.joints}) == trees
     assert len({joint.tree for joint in pickle.loads(pickle.dumps(found)).joints}) == trees
+
+
+SERVO = """<mujoco><worldbody><body><joint name="arm" type="hinge" axis="0 1 0" damping="2" armature="0.2"/>
+<geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02" mass="0.3"/></body></worldbody>
+<actuator><position name="servo" joint="arm" kp="100" kv="2" forcerange="-{0} {0}"/></actuator></mujoco>"""
+
+
+def stated(scene: SimulatorScene) -> FloatArray:
+    """Return the values of all parameters that a file states."""
+    return np.array([prior.value for prior in scene.priors])
+
+
+def build_servo_scene() -> tuple[SimulatorScene, tuple[Recording, ...]]:
+    """Build the scene of a servo whose largest force is six times that of its file, and recordings of steps."""
+    from pipeline.io.simulators.mujoco_simulator import MujocoSimulator
+
+    simulators = [MujocoSimulator(mujoco.MjModel.from_xml_string(SERVO.format(limit))) for limit in (1.0, 6.0)]
+    t, still = np.arange(60) / 50, np.zeros((60, 1, 1))
+    asked = {shot: InputHistory(t, np.where(t > 0.1, size, 0.0)[:, None]) for shot, size in enumerate((1.0, -0.7))}
+    reference = ReferenceFrame(("q",), "rad", "joints")
+    sigma = np.full((60, 1), 1e-3)
+    blank = [Recording(shot, np.arange(60), t, ("arm",), still, sigma, reference, True) for shot in asked]
+    true = build_simulator_scene(simulators[1], tuple(blank), asked)
+    seen = tuple(replace(one, positions=true.predict_positions(one, np.zeros(2), stated(true), ())) for one in blank)
+    return build_simulator_scene(simulators[0], seen, asked), seen
+
+
+def test_a_largest_force_far_from_that_of_the_file_is_found_in_a_few_steps():
+    """It is 17 usual strengths away, and a step of one of them at most would need as many."""
+    scene, seen = build_servo_scene()
+    names = [f"{effect.name}.{prior.name}" for effect in scene.effects for prior in effect.parameters]
+    free = np.array([name == "actuator_gain.limit" for name in names])
+    model = fix_parameters(scene.build_model(seen, (), free), stated(scene), free, scene.priors)
+    fitted = fit_windows(model, options=ShootingOptions(iterations=10, is_smooth=True))
+    assert fitted.shared[0] == pytest.approx(6.0, rel=0.02)
+
+
+def test_windows_that_are_simulated_together_are_those_simulated_alone():
+    scene, seen = build_servo_scene()
+    model = scene.build_model(seen, ())
+    starts, values = [np.array([0.1, 0.2]), np.array([0.0, -0.3])], [stated(scene)] * 2
+    for has_jacobians, call in ((True, "linearize"), (False, "simulate")):
+        together = model.simulate_ahead([0, 1], starts, values, has_jacobians)
+        for k, start in enumerate(starts):
+            one, other = (getattr(which, call)(k, start, stated(scene)) for which in (together, model))
+            np.testing.assert_allclose(one.residual, other.residual, rtol=1e-9, atol=1e-9)
+            if has_jacobians:
+                np.testing.assert_allclose(one.shared_jacobian, other.shared_jacobian, rtol=1e-6, atol=1e-6)

@@ -239,7 +239,7 @@ def test_a_servo_takes_degrees_where_the_header_states_them(tmp_path: Path, simu
 def test_a_run_of_mujoco_that_diverges_is_lost(tmp_path: Path, simulator: str):
     shots = read_mechanism_shots(write(tmp_path, "t,hinge,servo", swing_rows()), simulator)
     start = np.zeros((2, 2))
-    runs = shots.simulator.begin(start, [{}, {}], np.ones(1, bool), 0, 0.0)
+    runs = shots.simulator.begin(start, [{}, {}], np.ones((2, 1), bool), np.zeros(2, int), np.zeros(2))
     path = runs.advance(np.zeros((2, 10, 1)), np.array([[1e14], [0.0]]))
     assert np.isnan(path[0, -1]).all()
     assert np.isfinite(path[1]).all()
@@ -260,9 +260,9 @@ def test_simulators_reach_another_process(tmp_path: Path, simulator: str, monkey
         one = read_mechanism_shots(write(tmp_path, header, swing_rows()), name).simulator
         other = pickle.loads(pickle.dumps(one))
         assert [joint.name for joint in other.joints] == [joint.name for joint in one.joints]
-        inputs = np.zeros((1, 5, len(one.inputs)))
+        inputs, powered = np.zeros((1, 5, len(one.inputs))), np.ones((1, len(one.inputs)), bool)
         paths = [
-            each.begin(np.array([[0.1, 0.0]]), [{}], np.ones(len(one.inputs), bool), 0, 0.0).advance(
+            each.begin(np.array([[0.1, 0.0]]), [{}], powered, np.zeros(1, int), np.zeros(1)).advance(
                 inputs, np.zeros((1, 1))
             )
             for each in (one, other)
