@@ -116,7 +116,11 @@ def parse_corrections(document: Any) -> CorrectionsFile:
     try:  # as JSON: there alone a list is a tuple in strict mode
         content = _FORM.validate_json(json.dumps({**head, "corrections": rest}), strict=True, extra="forbid")
     except ValidationError as error:
-        raise ValueError(format_first_error(error).removeprefix("corrections").lstrip(".: ")) from error
+        words = format_first_error(error).removeprefix("corrections").lstrip(".: ")
+        mistake = error.errors(include_url=False)[0]
+        if mistake["type"] not in ("missing", "value_error"):  # else the value is the whole object
+            words += f"; got {json.dumps(mistake['input'], default=str)[:60]}"
+        raise ValueError(words) from error
     if content.revision < 0:
         raise ValueError(f"revision is 0 or more; got {content.revision}")
     return content
