@@ -30,7 +30,7 @@ from benchmarks.support.row_files import append_row, read_rows
 from benchmarks.support.run_folder import ROOT
 from pipeline.actions.check_clip import check_clip
 from pipeline.reporting.text.filming_sentences import rank_faults
-from video.filming_check.measure_filming import CODES, FilmingLimits
+from video.filming_check.measure_filming import CODES
 from video.io.clip import open_clip, read_frames
 from video.io.video_writer import VideoWriter
 
@@ -292,7 +292,7 @@ def check_case(number: int, seed: int, parts: dict[str, FilmedPart], path: Path)
     begun = time.perf_counter()
     report = check_clip(path)
     seconds = time.perf_counter() - begun
-    faults = [one.code for one in rank_faults(report.measurements, FilmingLimits())]
+    faults = [one.code for one in rank_faults(report.measurements)]
     return CheckedRow(
         number, name, fault, round(strength, 4), report.verdict, faults[0] if faults else NONE, " ".join(faults),
         round(seconds, 2),

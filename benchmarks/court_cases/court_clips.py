@@ -16,7 +16,14 @@ from models.sports.sport_catalogue import find_sports
 from video.rendering.court_players import pose_player
 from video.rendering.court_renderer import FrameTruth, locate_object
 from video.rendering.court_scene import CourtLook, RallyPath, View, read_rally
-from video.rendering.rally_clips import collect_truth, film_rally, simulate_rallies, write_rally_clip, write_truth
+from video.rendering.rally_clips import (
+    RallyTruth,
+    collect_truth,
+    film_rally,
+    simulate_rallies,
+    stage_rally,
+    write_frames,
+)
 
 # Turns of views and rates over the rallies of a sport; their numbers share no divisor.
 VIEWS: tuple[View, ...] = ("broadcast", "broadcast", "phone")
@@ -58,7 +65,7 @@ class CourtCase:
 
 @dataclass(frozen=True)
 class CourtTruth:
-    """Truth of a clip of T frames, as `video.rendering.rally_clips` writes it."""
+    """Truth of a clip of T frames, as `write_truth` writes it."""
 
     folder: Path
     stated: dict[str, Any]
@@ -68,6 +75,46 @@ class CourtTruth:
     @property
     def fps(self) -> float:
         return float(self.stated["fps"])
+
+
+def write_rally_clip(
+    folder: Path, rally: RallyPath, view: View, fps: float, seed: int, size: tuple[int, int] = (1280, 720),
+    span: tuple[float, float] | None = None,
+) -> RallyTruth:  # fmt: skip
+    """Render a rally to `clip.mp4`, with `truth.npz` and `truth.json`.
+
+    Args:
+        size: width and height, px.
+        span: s of the rally, of which the clip shows that part; None for all of it.
+
+    Returns:
+        The truth.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    rng, rate = np.random.default_rng(seed), Fraction(fps).limit_denominator(1001)
+    renderer, camera, look, t = stage_rally(rng, rally, view, rate, size, span or (rally.t[0], rally.t[-1]))
+    shown = write_frames(folder / "clip.mp4", renderer, look, rate, size, "veryfast")
+    truth = collect_truth(rally, camera, look, rate, t, shown)
+    write_truth(folder, truth, view)
+    return truth
+
+
+def write_truth(folder: Path, truth: RallyTruth, view: View) -> None:
+    """Write `truth.npz` and `truth.json`."""
+    camera = truth.camera
+    motion = np.empty((0, 3, 3)) if camera.motion is None else camera.motion
+    np.savez_compressed(
+        folder / "truth.npz", t=truth.t, xyz=truth.xyz, px=truth.px, streak=truth.streak, radius_px=truth.radius_px,
+        shown=truth.shown, contrast=truth.contrast, is_visible=truth.is_visible, players=truth.players,
+        camera=camera.parameters, motion=motion,
+    )  # fmt: skip
+    content = {
+        "sport": truth.sport, "view": view, "fps": float(truth.fps), "exposure": truth.exposure, "start": truth.start,
+        "width": camera.width_px, "height": camera.height_px, "is_left_handed": camera.is_left_handed,
+        "events": truth.events, "strokes": truth.rally.truth["strokes"], "ending": truth.rally.truth["ending"],
+        "surface": truth.rally.truth["surface"],
+    }  # fmt: skip
+    (folder / "truth.json").write_text(json.dumps(content))
 
 
 def render_case(case: CourtCase, folder: Path) -> Path:

@@ -38,7 +38,7 @@ from models.core.typing import FloatArray
 from models.physics.billiards.contact_models import BALL_MODELS, CUSHION_MODELS
 from models.physics.billiards.parameter_vector import SLOPE_Y
 from models.physics.billiards.simulation.event_engine import BALL, EVENT_FIRST, EVENT_KIND, EVENT_SECOND, EVENT_TIME
-from models.physics.billiards.simulation.simulate_shot import BallSet, kinetic_energy, simulate
+from models.physics.billiards.simulation.simulate_shot import BallSet, simulate
 from models.physics.billiards.simulation.table_physics import Physics
 from models.physics.billiards.tables import TABLE_PRESETS
 
@@ -114,7 +114,9 @@ def measure_symmetries(physics: Physics, balls: BallSet) -> tuple[float, float, 
     """Return growth of energy, change of momentum (shares), and distances from the mirrored and shifted shot (mm)."""
     t = np.linspace(0.0, 1.0, 201)
     run = simulate(balls, TABLE, physics, 1.0)
-    joules = kinetic_energy(run.states_at(t), balls.radius, balls.mass).sum(axis=1)
+    states = run.states_at(t)
+    spin = 0.4 * balls.radius**2 * np.sum(states[..., 4:7] ** 2, axis=-1)
+    joules = np.sum(0.5 * balls.mass * (np.sum(states[..., 2:4] ** 2, axis=-1) + spin), axis=1)
     changes = [0.0]
     for row in run.contacts[run.contacts[:, EVENT_KIND] == BALL]:
         pair = row[[EVENT_FIRST, EVENT_SECOND]].astype(int)

@@ -285,14 +285,14 @@ def open_run_clip(folder: Path, clip: Path | None) -> tuple[Clip | None, str]:
         The part of the video that the run was computed from and an empty string, or None and the reason.
 
     Raises:
-        OptionError: The given clip is no file.
+        OptionError: There is no such clip.
         TruerollError: The given clip cannot be read.
     """
     noted = read_source(folder)
-    source = clip or Path(noted.get("path", ""))
-    if not source.is_file():
+    path = noted.get("path") if clip is None else clip
+    if path is None or not (source := Path(path)).exists():  # a folder of numbered images is a clip too
         if clip is not None:
-            raise OptionError(f"A clip was expected; {clip} is not a file")
+            raise OptionError(f"A clip was expected; there is no {clip}")
         return None, "the clip of this run has been moved; name it with --clip."
     try:
         digest = (read_json(folder / "scene.json", "A run folder has a scene.json").get("clip") or {}).get("sha256")

@@ -10,17 +10,28 @@ import numpy as np
 
 from detectors.detect import concatenate_detections, prepare_detector
 from detectors.detect_options import DetectOptions
+from models.core.answer import Answer
 from models.core.detections import Detections
 from models.core.errors import NO_BALLS
 from models.core.scene import Scene
 from models.core.typing import ImageArray
+from pipeline.reporting.text.filming_sentences import (
+    LEVEL_SIGNS,
+    LIMITS,
+    VERDICT_WORDS,
+    WORDS,
+    format_advice,
+    format_bounds,
+    format_located_table,
+    format_value,
+    rank_faults,
+)
 from pipeline.settings import DoorOptions
 from pipeline.stages.read_stage import open_frame_memory
 from pipeline.stages.shot_stages import find_single_span
 from video.filming_check.clip_sample import ClipSample, sample_clip
 from video.filming_check.measure_filming import (
     FilmedView,
-    FilmingLimits,
     FilmingMeasurement,
     grade_measurements,
     locate_view,
@@ -31,7 +42,7 @@ from video.io.clip import Clip, open_clip, read_frames
 from video.io.video_options import CalibrateOptions
 
 Verdict = Literal["go", "doubts", "no-go"]
-DEFAULT_OPTIONS, DEFAULT_LIMITS = DoorOptions(), FilmingLimits()
+DEFAULT_OPTIONS = DoorOptions()
 # Frames of a clip that are looked at before it is called one without balls: as many as locate its table.
 SPREAD_FRAMES = 9
 # Pixels up to which a clip is read as a whole, as a run does: 1,000 frames of 720p, 5 s on one core.
@@ -63,9 +74,7 @@ class FilmingReport:
         return int(np.count_nonzero(frames == frames.min(initial=np.iinfo(np.int64).max)))
 
 
-def check_clip(
-    path: Path, options: DoorOptions = DEFAULT_OPTIONS, limits: FilmingLimits = DEFAULT_LIMITS
-) -> FilmingReport:
+def check_clip(path: Path, options: DoorOptions = DEFAULT_OPTIONS) -> FilmingReport:
     """Check how a clip is filmed.
 
     Table and balls are those that a run finds: it reads, calibrates and detects by the same functions. Of a recording
@@ -74,7 +83,6 @@ def check_clip(
     Args:
         path: A video, or a folder of numbered images.
         options: Options of reading, calibration and detection.
-        limits: Limits of good filming.
 
     Returns:
         All measurements, and the verdict.
@@ -96,12 +104,40 @@ def check_clip(
             detections = _detect_fast_balls(sample, clip, view, view.scene, options.detect)
             refusal = "" if len(detections) else NO_BALLS
     values = measure_filming(sample, view, measure_exposure_time(detections, part.t))
-    measurements = grade_measurements(values, limits)
+    measurements = grade_measurements(values, LIMITS)
     levels = {one.level for one in measurements}
     verdict: Verdict = "no-go" if refusal or "bad" in levels else "doubts" if "doubt" in levels else "go"
     return FilmingReport(
         part, measurements, verdict, refusal, sample.bits_per_pixel, view, sample.stills[0], detections
     )
+
+
+def state_filming(report: FilmingReport) -> Answer:
+    """State how a clip is filmed in words and numbers: what was measured, and what to change, the worst first."""
+    scene = None if report.refusal else report.view.scene
+    located = () if scene is None else (format_located_table(scene.table, report.ball_count),)
+    remarks = (*(() if scene is None else scene.warnings), *format_advice(report.measurements, report.refusal))
+    rows = (
+        (LEVEL_SIGNS[one.level], WORDS[one.code].name, format_value(one), format_bounds(LIMITS.find_limit(one.code)))
+        for one in report.measurements
+    )
+    document = {
+        "verdict": report.verdict, "faults": [one.code for one in rank_faults(report.measurements)],
+        "refusal": report.refusal, "table": None if scene is None else scene.table.name,
+        "balls": None if scene is None else report.ball_count,
+        "warnings": [] if scene is None else scene.warnings, "bits_per_pixel": report.bits_per_pixel,
+        "sentences": [VERDICT_WORDS[report.verdict], *located, *remarks],
+        "measurements": [
+            {"code": one.code, "value": one.value, "unit": WORDS[one.code].unit, "level": one.level,
+             "good": LIMITS.find_limit(one.code).good, "bad": LIMITS.find_limit(one.code).bad,
+             "advice": WORDS[one.code].advice if one.level in ("doubt", "bad") else ""}
+            for one in report.measurements
+        ],
+    }  # fmt: skip
+    return Answer(
+        "How is this clip filmed?", (VERDICT_WORDS[report.verdict], *located), report.verdict,
+        rows=(("", "", "measured", "good"), *rows), notes=tuple(f"- {one}" for one in remarks), document=document,
+    )  # fmt: skip
 
 
 def _list_parts(clip: Clip) -> list[Clip]:

@@ -13,7 +13,7 @@ from models.core.answer import Answer
 from models.core.court_camera import CourtScene
 from models.core.progress import ignore_progress
 from models.core.typing import FloatArray, ImageArray
-from pipeline.reporting.text.filming_sentences import VERDICT_WORDS, format_bounds
+from pipeline.reporting.text.filming_sentences import LEVEL_SIGNS, VERDICT_WORDS, format_bounds
 from pipeline.settings import DoorOptions
 from pipeline.stages.read_stage import open_frame_memory
 from video.drawing.masks import SHIFT, to_fixed_point
@@ -76,8 +76,8 @@ def check_court(path: Path, options: DoorOptions) -> CourtCheck:
     worst = max(levels.values(), key=lambda level: ("good", "unknown", "doubt", "bad").index(level))
     name, sport = scene.sport.object.name, scene.sport
     rows = [
-        (levels[code], WORDS[code][0].format(name), f"{value:.1f} {WORDS[code][1]}", format_bounds(LIMITS[code]))
-        for code, value in values.items()
+        (LEVEL_SIGNS[levels[code]], words.format(name), f"{values[code]:.1f} {unit}", format_bounds(LIMITS[code]))
+        for code, (words, unit, _) in WORDS.items()
     ]
     advice = [WORDS[code][2] for code, level in levels.items() if level in ("doubt", "bad")]
     verdict = VERDICTS[worst]

@@ -1,4 +1,4 @@
-"""Dask clusters: starts one on this machine, or connects to one that shares the folders of the batch; runs clips there.
+"""A Dask cluster whose workers share the folders of a batch: connects to it and runs clips there.
 
 Clips need time limits, memory limits and retries, which the executors of `models.numerics.executor` do not have.
 """
@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
-import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -17,52 +16,20 @@ from typing import Any
 from uuid import uuid4
 
 import dask
-from distributed import Client, Future, Scheduler, SpecCluster, Worker, get_worker, wait
+from distributed import Client, Future, get_worker, wait
 
 from models.core.errors import OptionError, TruerollError
 from pipeline.batch import supervision
 from pipeline.batch.clip_job import ClipJob, ClipResult, JobStream, ProgressListener, build_failed_result
 from pipeline.batch.supervision import IDLE_S, thread_process
-from pipeline.engine.atomic_write import part_suffix, remove_leftovers
+from pipeline.engine.atomic_write import part_suffix
 from pipeline.engine.result_cache import MARK, ResultCache
 from pipeline.engine.source_fingerprint import hash_sources, library_versions
 
-LOOPBACK = "127.0.0.1"
 # Time for a scheduler to answer, s.
 CONNECT_TIMEOUT_S = 10.0
-# Dask's folder below the temporary folder; `atomic_write` recognises leftovers by its name.
-SCRATCH_NAME = "trueroll"
 # Time for the first worker to connect to a scheduler that has just started, s.
 WORKER_TIMEOUT_S = 30.0
-
-
-@contextmanager
-def start_local_client(jobs: int) -> Iterator[Client]:
-    """Start a cluster within this process; each of its threads supervises a process that runs a clip.
-
-    Dask's dashboard cannot be turned off; it is reachable from this machine only.
-
-    Args:
-        jobs: Number of threads.
-
-    Yields:
-        A client of the cluster.
-    """
-    _quiet_dask()
-    remove_leftovers(Path(tempfile.gettempdir()), SCRATCH_NAME)
-    with tempfile.TemporaryDirectory(prefix=f".{SCRATCH_NAME}.", suffix=part_suffix()) as scratch:
-        place = {"dashboard_address": f"{LOOPBACK}:0", "local_directory": scratch}
-        common = {"protocol": "inproc", "dashboard": False, **place}
-        scheduler = {"cls": Scheduler, "options": common}
-        worker = {"cls": Worker, "options": common | {"nthreads": jobs, "memory_limit": 0}}
-        with (
-            SpecCluster(scheduler=scheduler, workers={0: worker}, silence_logs=logging.CRITICAL) as cluster,
-            Client(cluster, set_as_default=False) as client,
-        ):
-            try:
-                yield client
-            finally:
-                supervision.end_processes()
 
 
 @contextmanager

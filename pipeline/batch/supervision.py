@@ -14,6 +14,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -247,39 +248,19 @@ class SupervisedProcess:
 
 _THREAD = threading.local()
 _PROCESSES: list[SupervisedProcess] = []
-# Started processes that no thread has asked for yet.
-_UNCLAIMED: list[SupervisedProcess] = []
-
-
-def start_processes(count: int) -> None:
-    """Start processes before the threads that will ask for them.
-
-    Args:
-        count: Number of processes.
-    """
-    for _ in range(count):
-        process = SupervisedProcess()
-        process.start()
-        _PROCESSES.append(process)
-        _UNCLAIMED.append(process)
 
 
 def thread_process() -> SupervisedProcess:
     """Return the process of the calling thread; start it if there is none."""
     if getattr(_THREAD, "process", None) not in _PROCESSES:
-        _THREAD.process = None
-        with suppress(IndexError):
-            _THREAD.process = _UNCLAIMED.pop()
-        if _THREAD.process is None:
-            _THREAD.process = SupervisedProcess()
-            _PROCESSES.append(_THREAD.process)
+        _THREAD.process = SupervisedProcess()
+        _PROCESSES.append(_THREAD.process)
     process: SupervisedProcess = _THREAD.process
     return process
 
 
 def end_processes() -> None:
     """End the processes of all threads; running clips are interrupted."""
-    _UNCLAIMED.clear()
     for process in _PROCESSES:
         process.request_exit()
     while _PROCESSES:
@@ -290,19 +271,40 @@ def end_processes() -> None:
 IDLE_S = 0.5
 
 
-def run_serially(jobs: JobStream, listener: ProgressListener) -> Iterator[ClipResult]:
-    """Run clips one after another in one process.
+def run_on_processes(count: int, jobs: JobStream, listener: ProgressListener) -> Iterator[ClipResult]:
+    """Run clips on this machine, each in one of a few processes.
 
     Args:
-        jobs: Clips to run.
+        count: Number of processes.
+        jobs: Clips to run; one is taken when a process is free.
         listener: Called with progress messages.
 
     Yields:
-        The result of each clip.
+        The result of each clip, when it is done.
     """
-    with SupervisedProcess() as process:
-        for job in jobs:
-            if job is None:
-                time.sleep(IDLE_S)
-            else:
-                yield process.run(job, partial(listener, job.name))
+    running: set[Future[ClipResult]] = set()
+    has_more = True
+    with ThreadPoolExecutor(count) as threads:
+        try:
+            while has_more or running:
+                while has_more and len(running) < count:
+                    try:
+                        job = next(jobs)
+                    except StopIteration:
+                        has_more = False
+                        break
+                    if job is None:
+                        break
+                    running.add(threads.submit(_run_in_thread, job, listener))
+                if running:
+                    finished, running = wait(running, IDLE_S, FIRST_COMPLETED)
+                    yield from (one.result() for one in finished)
+                elif has_more:
+                    time.sleep(IDLE_S)
+        finally:
+            end_processes()
+
+
+def _run_in_thread(job: ClipJob, listener: ProgressListener) -> ClipResult:
+    """Run a clip in the process of this thread."""
+    return thread_process().run(job, partial(listener, job.name))

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import types
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
 
 from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.errors import OptionError
 from pipeline.engine.atomic_write import write_text
+from pipeline.io.strict_json import format_first_error
 
 SCHEMA = "trueroll.corrections/1"
 SUFFIX = ".corrections.json"
@@ -28,6 +30,9 @@ class CorrectionsFile:
     clip_sha256: str = ""
     """Digest of the clip that was corrected; empty in a file that a person wrote."""
     corrections: Corrections = NO_CORRECTIONS
+
+
+_FORM = TypeAdapter(CorrectionsFile)
 
 
 def corrections_path(clip: Path) -> Path:
@@ -106,9 +111,16 @@ def parse_corrections(document: Any) -> CorrectionsFile:
     """
     if not isinstance(document, dict) or document.get("schema") != SCHEMA:
         raise ValueError(f'an object with "schema": "{SCHEMA}" was expected')
-    rest = {name: value for name, value in document.items() if name not in ("schema", "revision", "clip_sha256")}
-    head = {name: document[name] for name in ("revision", "clip_sha256") if name in document}
-    content: CorrectionsFile = _decode(CorrectionsFile, {**head, "corrections": rest}, "")
+    head = {name: value for name, value in document.items() if name in ("revision", "clip_sha256")}
+    rest = {name: value for name, value in document.items() if name not in ("schema", *head)}
+    try:  # as JSON: there alone a list is a tuple in strict mode
+        content = _FORM.validate_json(json.dumps({**head, "corrections": rest}), strict=True, extra="forbid")
+    except ValidationError as error:
+        words = format_first_error(error).removeprefix("corrections").lstrip(".: ")
+        mistake = error.errors(include_url=False)[0]
+        if mistake["type"] not in ("missing", "value_error"):  # else the value is the whole object
+            words += f"; got {json.dumps(mistake['input'], default=str)[:60]}"
+        raise ValueError(words) from error
     if content.revision < 0:
         raise ValueError(f"revision is 0 or more; got {content.revision}")
     return content
@@ -149,59 +161,3 @@ def _drop_unset(value: Any) -> Any:
     if isinstance(value, dict):
         return {name: _drop_unset(part) for name, part in value.items() if part is not None and part not in ("", ())}
     return [_drop_unset(part) for part in value] if isinstance(value, tuple) else value
-
-
-def _decode(kind: Any, data: Any, place: str) -> Any:
-    """Convert a JSON value to a value of type `kind`; no conversion between types, no unknown names."""
-    origin = get_origin(kind)
-    if dataclasses.is_dataclass(kind):
-        return _decode_object(kind, data, place)
-    if origin in (Union, types.UnionType):
-        choice = next(choice for choice in get_args(kind) if choice is not type(None))
-        return None if data is None else _decode(choice, data, place)
-    if origin is Literal:
-        if data not in get_args(kind):
-            raise ValueError(f"{place} is one of {', '.join(get_args(kind))}; got {_shorten(data)}")
-        return data
-    if origin is tuple:
-        parts = get_args(kind)
-        is_open = parts[1:] == (Ellipsis,)
-        if not isinstance(data, list) or not (is_open or len(data) == len(parts)):
-            raise ValueError(f"{place} is a list{'' if is_open else f' of {len(parts)}'}; got {_shorten(data)}")
-        kinds = [parts[0]] * len(data) if is_open else parts
-        return tuple(_decode(one, part, f"{place}[{k}]") for k, (one, part) in enumerate(zip(kinds, data, strict=True)))
-    allowed = (int, float) if kind is float else kind
-    if not isinstance(data, allowed) or isinstance(data, bool):
-        noun = {int: "a whole number", float: "a number", str: "a text"}[kind]
-        raise ValueError(f"{place} is {noun}; got {_shorten(data)}")
-    return kind(data)
-
-
-def _decode_object(kind: Any, data: Any, place: str) -> Any:
-    """Convert a JSON object to a dataclass."""
-    if not isinstance(data, dict):
-        raise ValueError(f"{_name_place(place)} is an object; got {_shorten(data)}")
-    hints = get_type_hints(kind)
-    where = f"{place}." if place and place != "corrections" else ""
-    if unknown := data.keys() - hints.keys():
-        raise ValueError(f"{_name_place(place)} has no {_shorten(min(unknown))}")
-    fields = dataclasses.fields(kind)
-    required = [one.name for one in fields if one.default is dataclasses.MISSING]
-    if missing := [name for name in required if name not in data]:
-        raise ValueError(f"{_name_place(place)} lacks {missing[0]}")
-    values = {name: _decode(hints[name], value, f"{where}{name}") for name, value in data.items()}
-    try:
-        return kind(**values)
-    except ValueError as error:
-        raise ValueError(f"{_name_place(place)}: {error}") from error
-
-
-def _shorten(data: Any) -> str:
-    """Shorten a JSON value for a message."""
-    text = json.dumps(data, default=str)
-    return text if len(text) <= 60 else f"{text[:57]}..."
-
-
-def _name_place(place: str) -> str:
-    """Name a place of the file in a message; the corrections are its top level."""
-    return "the file" if place in ("", "corrections") else place

@@ -41,7 +41,8 @@ def format_first_error(error: ValidationError) -> str:
     """Format the first mistake of a file: its place and what is wrong."""
     mistake = error.errors(include_url=False)[0]
     place = ".".join(map(str, mistake["loc"])) or "the file"
-    return f"{place}: {mistake['msg'][:1].lower()}{mistake['msg'][1:]}"
+    words = mistake["msg"].removeprefix("Value error, ")
+    return f"{place}: {words[:1].lower()}{words[1:]}"
 
 
 def format_strict_json(document: Mapping[str, Any], indent: int | None = 1) -> str:

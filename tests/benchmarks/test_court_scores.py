@@ -11,10 +11,10 @@ import pytest
 
 from benchmarks.court_cases import landing_bound
 from benchmarks.court_cases.court_answers import Impairment, answer_truth, compare_lines, make_candidates
-from benchmarks.court_cases.court_clips import CourtCase, CourtTruth, film_case, read_truth
+from benchmarks.court_cases.court_clips import CourtCase, CourtTruth, film_case, read_truth, write_rally_clip
 from benchmarks.court_cases.court_scores import find_visible, join_scores, score_answer, upper_bound
 from video.rendering.court_scene import read_rally
-from video.rendering.rally_clips import simulate_rallies, write_rally_clip
+from video.rendering.rally_clips import simulate_rallies
 
 SIZE = (640, 360)
 

@@ -73,5 +73,8 @@ def test_a_hostile_corrections_file_fails_one_clip_of_a_batch_with_a_sentence(tm
     job = ClipJob(str(clip), "shot", str(tmp_path / "out"), str(cache.root), cache.mark, list_setting_values(OPTIONS))
     result = run_job(job, SilentWatcher())
     assert result.status == "failed"
-    assert "is no corrections file: balls is a list; got 3; mend it, or move it away" in result.sentence
+    assert (
+        "is no corrections file: balls: input should be a valid array; got 3; mend it, or move it away"
+        in result.sentence
+    )
     assert not (tmp_path / "out").exists()

@@ -22,21 +22,17 @@ from video.synthesis.rally_synthesis import ObjectSprite, build_rally_timeline, 
 PLAN_SHARE, SIDE_VIEW_SHARE = 0.4, 0.3
 
 
-def draw_rally_poster(
-    clip: Clip, rally: Rally, options: RenderOptions = DEFAULT_OPTIONS, call: LandingCall | None = None
-) -> ImageArray:
+def draw_rally_poster(clip: Clip, rally: Rally, options: RenderOptions = DEFAULT_OPTIONS) -> ImageArray:
     """Draw the frame at the end of the last stroke, with the object where every frame before showed it.
 
     Args:
         options: Options of the slow motion, for its slowdown.
-        call: Verdict on the landing; None for that of the usual rule.
 
     Returns:
         Image (H, W, 3).
     """
     timeline = build_rally_timeline(rally)
-    call = judge_landing(rally) if call is None else call
-    strokes = summarize_strokes(rally)
+    call, strokes = judge_landing(rally), summarize_strokes(rally)
     begin, close = (strokes[-1].hit.t, strokes[-1].end) if strokes else (float(rally.t[-1]), float(rally.t[-1]))
     first, last = np.searchsorted(rally.t, [begin, close]).clip(0, len(rally.t) - 1).tolist()
     sprites = list[tuple[float, ObjectSprite]]()

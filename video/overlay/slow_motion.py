@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -93,30 +93,38 @@ def render_slow_motion(
         progress: Function that receives the finished share.
     """
     rate, times = find_output_rate(clip), find_output_times(clip, appearance.timeline, options)
-    preset = "ultrafast" if options.quick else "veryfast"
-    tuning = SLOW_TUNING if options.slow >= TUNING_MIN_SLOWDOWN and not options.quick else ""
     marks = select_replay_marks(select_contact_marks(appearance.timeline, fit)) if options.style == "umpire" else []
     again = sum(len(replay_times(appearance.timeline, mark, float(rate), options.slow)) for mark in marks)
     (first,) = (image for _, image in read_frames(clip, indices=appearance.timeline.frame[:1]))
     annotation = prepare_annotation(appearance.timeline, tracks, fit, first, options.slow, options.style)
+    in_planes = clip.width % 2 == clip.height % 2 == 0  # else the last chroma would cover half a pixel
+    frames = prefetch_items(synthesize_frames(clip, appearance, times, in_planes=in_planes), PREFETCHED_FRAMES)
+    shot = (annotation.draw(frame.canvas, frame.t, frame.balls, frame.table_positions) for frame in frames)
+    closer = map(annotation.extend, render_replays(clip, appearance, marks, float(rate), options.slow))
+    size = (clip.width, clip.height + annotation.strip_height)
+    encode_slow_motion(chain(shot, closer), len(times) + again, path, size, rate, options, progress)
+
+
+def encode_slow_motion(
+    images: Iterable[Canvas], count: int, path: Path, size: tuple[int, int], rate: Fraction, options: RenderOptions,
+    progress: Progress,
+) -> None:  # fmt: skip
+    """Encode the frames of a slow motion of a shot or a rally as H.264.
+
+    Args:
+        images: The annotated frames.
+        count: Their number.
+        size: Width and height, px.
+        rate: Frame rate, 1/s.
+    """
+    is_tuned = options.slow >= TUNING_MIN_SLOWDOWN and not options.quick
     with VideoWriter(
-        path,
-        clip.width,
-        clip.height + annotation.strip_height,
-        rate,
-        crf=CRF,
-        preset=preset,
-        tuning=tuning,
-        threads=ENCODER_THREADS,
-        key_s=KEYFRAME_INTERVAL_S,
-    ) as writer:
-        in_planes = clip.width % 2 == clip.height % 2 == 0  # else the last chroma would cover half a pixel
-        frames = prefetch_items(synthesize_frames(clip, appearance, times, in_planes=in_planes), PREFETCHED_FRAMES)
-        shot = (annotation.draw(frame.canvas, frame.t, frame.balls, frame.table_positions) for frame in frames)
-        closer = map(annotation.extend, render_replays(clip, appearance, marks, float(rate), options.slow))
-        for done, image in enumerate(chain(shot, closer), start=1):
+        path, *size, rate, crf=CRF, preset="ultrafast" if options.quick else "veryfast",
+        tuning=SLOW_TUNING if is_tuned else "", threads=ENCODER_THREADS, key_s=KEYFRAME_INTERVAL_S,
+    ) as writer:  # fmt: skip
+        for done, image in enumerate(images, start=1):
             writer.write(image)
-            progress(done / (len(times) + again))
+            progress(done / count)
 
 
 def find_output_rate(clip: Clip) -> Fraction:
@@ -134,16 +142,22 @@ def find_output_times(clip: Clip, timeline: BallTimeline, options: RenderOptions
     Returns:
         (K,) s, exactly regular, except that a decoded frame is used where it nearly coincides.
     """
-    first, last = float(timeline.t[0]), float(timeline.t[-1])
-    if options.trim_still and timeline.moving.any():
-        rows = np.flatnonzero(timeline.moving.any(axis=1))
-        first = max(first, float(timeline.t[rows[0]]) - TRIM_MARGIN_S)
-        last = min(last, float(timeline.t[rows[-1] + 1]) + TRIM_MARGIN_S)
-    return space_output_times(timeline.t, first, last, 1 / (float(find_output_rate(clip)) * options.slow))
+    rows = np.flatnonzero(timeline.moving.any(axis=1))
+    motion = (float(timeline.t[rows[0]]), float(timeline.t[rows[-1] + 1])) if len(rows) else None
+    return space_output_times(clip, timeline.t, motion, options)
 
 
-def space_output_times(t: FloatArray, first: float, last: float, step: float) -> FloatArray:
-    """Space times (K,), s, by a step from the first to the last; close to a frame at `t` (T,), its time is used."""
+def space_output_times(
+    clip: Clip, t: FloatArray, motion: tuple[float, float] | None, options: RenderOptions
+) -> FloatArray:
+    """Space the times (K,), s, of the frames of a slow motion; close to a frame at `t` (T,), its time is used.
+
+    Args:
+        motion: s, first and last motion, around which still parts are left out where the options say so.
+    """
+    first, last, step = float(t[0]), float(t[-1]), 1 / (float(find_output_rate(clip)) * options.slow)
+    if options.trim_still and motion is not None:
+        first, last = max(first, motion[0] - TRIM_MARGIN_S), min(last, motion[1] + TRIM_MARGIN_S)
     times = np.asarray(first + step * np.arange(int((last - first) / step + SNAP_SHARE) + 1), dtype=np.float64)
     nearest = t[np.clip(np.searchsorted(t, times), 0, len(t) - 1)]
     before = t[np.clip(np.searchsorted(t, times) - 1, 0, None)]

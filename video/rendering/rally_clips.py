@@ -1,7 +1,6 @@
-"""Rendered clips of rallies with truth, as files and for training.
+"""Rendered clips of rallies with truth, for training.
 
     folders of rallies:  simulate_rallies("tennis", seed=1, count=20, folder=Path("rallies"))
-    one clip as files:   write_rally_clip(Path("out"), read_rally(Path("rallies/0000.npz")), "broadcast", 25, seed=7)
     decoded clips:       for clip in generate_rally_clips(rng, rallies, seconds=1.0): clip.frames, clip.truth
 
 The simulator runs as a process of its own, and shares no code with the program.
@@ -135,28 +134,6 @@ def stage_rally(
     return CourtRenderer(rng, rally, camera, look, view, t, others), camera, look, t
 
 
-def write_rally_clip(
-    folder: Path, rally: RallyPath, view: View, fps: float, seed: int, size: tuple[int, int] = (1280, 720),
-    span: tuple[float, float] | None = None,
-) -> RallyTruth:  # fmt: skip
-    """Render a rally to `clip.mp4`, with `truth.npz` and `truth.json`.
-
-    Args:
-        size: width and height, px.
-        span: s of the rally, of which the clip shows that part; None for all of it.
-
-    Returns:
-        The truth.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    rng, rate = np.random.default_rng(seed), Fraction(fps).limit_denominator(1001)
-    renderer, camera, look, t = stage_rally(rng, rally, view, rate, size, span or (rally.t[0], rally.t[-1]))
-    shown = _write_frames(folder / "clip.mp4", renderer, look, rate, size, "veryfast")
-    truth = collect_truth(rally, camera, look, rate, t, shown)
-    write_truth(folder, truth, view)
-    return truth
-
-
 def generate_rally_clips(
     rng: np.random.Generator, rallies: Sequence[RallyPath | Path], seconds: float = 1.0,
     size: tuple[int, int] = (1280, 720), others: int = 0,
@@ -179,7 +156,7 @@ def generate_rally_clips(
         renderer, camera, look, t = stage_rally(rng, rally, view, fps, size, span, further)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "clip.mp4"
-            shown = _write_frames(path, renderer, look, fps, size, "ultrafast")
+            shown = write_frames(path, renderer, look, fps, size, "ultrafast")
             with av.open(str(path)) as container:
                 decoded = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
         yield RallyClip(np.stack(decoded), collect_truth(rally, camera, look, fps, t, shown))
@@ -191,7 +168,7 @@ def _delay_rally(rng: np.random.Generator, rally: RallyPath, span: tuple[float, 
     return replace(rally, t=rally.t + (span[0] - start))
 
 
-def _write_frames(
+def write_frames(
     path: Path, renderer: CourtRenderer, look: CourtLook, fps: Fraction, size: tuple[int, int], preset: str
 ) -> list[FrameTruth]:  # fmt: skip
     """Render all frames to a file; returns their truth."""
@@ -224,21 +201,3 @@ def collect_truth(
         rally.sport.name, fps, camera, look.exposure, t - start, start, rally.place_at(t)[0], **columns, events=events,
         rally=rally,
     )  # fmt: skip
-
-
-def write_truth(folder: Path, truth: RallyTruth, view: View) -> None:
-    """Write `truth.npz` and `truth.json`."""
-    camera = truth.camera
-    motion = np.empty((0, 3, 3)) if camera.motion is None else camera.motion
-    np.savez_compressed(
-        folder / "truth.npz", t=truth.t, xyz=truth.xyz, px=truth.px, streak=truth.streak, radius_px=truth.radius_px,
-        shown=truth.shown, contrast=truth.contrast, is_visible=truth.is_visible, players=truth.players,
-        camera=camera.parameters, motion=motion,
-    )  # fmt: skip
-    content = {
-        "sport": truth.sport, "view": view, "fps": float(truth.fps), "exposure": truth.exposure, "start": truth.start,
-        "width": camera.width_px, "height": camera.height_px, "is_left_handed": camera.is_left_handed,
-        "events": truth.events, "strokes": truth.rally.truth["strokes"], "ending": truth.rally.truth["ending"],
-        "surface": truth.rally.truth["surface"],
-    }  # fmt: skip
-    (folder / "truth.json").write_text(json.dumps(content))

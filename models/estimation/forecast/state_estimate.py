@@ -81,7 +81,7 @@ class StateEstimate:
         return (PARAMETERS_PER_BALL * np.arange(len(self.ids))[:, None] + np.arange(2)).ravel()
 
     def simulation_inputs(self, parameters: FloatArray, law: str) -> FloatArray:
-        """Convert D parameters to the simulation inputs (9N + 17,), in the order of `SimulatedShot.columns`."""
+        """Convert D parameters to the simulation inputs (9N + 17,), as `directional_derivatives` takes them."""
         n, shared = len(self.ids), parameters[-SHARED_COUNT:]
         state, radius = parameters[:-SHARED_COUNT].reshape(n, PARAMETERS_PER_BALL), self.table.ball_radius
         size = radius * shared[4]

@@ -120,20 +120,12 @@ def batch(
 
 @contextmanager
 def _open_runner(work: Batch, jobs: int, cluster: str | None, clips: list[Path]) -> Iterator[ClipRunner]:
-    """Open what runs the clips: one process, a cluster on this machine, or an existing cluster."""
+    """Open what runs the clips: processes on this machine, or an existing cluster."""
     from pipeline.batch import supervision
 
-    if cluster is None and jobs == 1:
-        yield supervision.run_serially
-        return
     if cluster is None:
-        count = jobs or available_cores()
         try:
-            supervision.start_processes(min(count, len(clips)))  # before Dask, which is slow to import
-            from pipeline.batch.dask_cluster import run_on_workers, start_local_client
-
-            with start_local_client(count) as client:
-                yield partial(run_on_workers, client)
+            yield partial(supervision.run_on_processes, jobs or available_cores())
         finally:
             supervision.end_processes()
         return

@@ -2,39 +2,31 @@
 
 from __future__ import annotations
 
-import json
-import math
 from contextlib import suppress
 from pathlib import Path
 from textwrap import wrap
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
 
 from models.core.errors import ClipError, OptionError
 from models.core.typing import ImageArray
-from pipeline.actions.check_clip import FilmingReport, check_clip
+from pipeline.actions.check_clip import FilmingReport, check_clip, state_filming
 from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.io.image_file import write_image
 from pipeline.reporting.text.filming_sentences import (
     VERDICT_WORDS,
     WORDS,
     format_advice,
-    format_limit,
-    format_located_table,
     format_value,
-    rank_faults,
 )
 from pipeline.settings import DoorOptions, build_door_options, list_door_settings
 from pipeline.terminal import command_line as cli
 from pipeline.terminal.command_settings import add_settings
 from video.drawing.palette import MUTED_GREY, TRUST_COLOURS, WHITE
-from video.filming_check.measure_filming import FilmingLimits
 from video.overlay.filming_still import PanelLine, TableOutline, count_panel_letters, draw_filming_still
 
-# Signs of the levels on a terminal.
-SIGNS = {"good": "[green]✓[/]", "doubt": "[yellow]![/]", "bad": "[red]✗[/]", "unknown": "[dim]–[/]"}
 PANEL_SIGNS = {"good": "+", "doubt": "!", "bad": "x", "unknown": "?"}
 LEVEL_COLOURS = {
     "good": TRUST_COLOURS["green"], "doubt": TRUST_COLOURS["amber"], "bad": TRUST_COLOURS["red"], "unknown": MUTED_GREY,
@@ -69,10 +61,7 @@ def check(
         with suppress(ClipError):  # no court either: what is wrong with the table is the answer
             _show_court(clip, options, out, as_json)
             return
-    if as_json:
-        print(json.dumps(_report_to_json(report), allow_nan=False))
-    else:
-        _print_report(report)
+    cli.print_answer(state_filming(report), as_json)
     if out is not None:
         write_image(_draw_still(report), out)
     if report.verdict == "no-go":
@@ -89,55 +78,6 @@ def _show_court(clip: Path, options: DoorOptions, out: Path | None, as_json: boo
         write_image(report.image, out)
     if report.answer.verdict == "no-go":
         raise typer.Exit(1)
-
-
-def _report_to_json(report: FilmingReport) -> dict[str, Any]:
-    """Return verdict and measurements as JSON values; a value that was not measured is null."""
-    limits, scene = FilmingLimits(), report.view.scene
-    return {
-        "verdict": report.verdict,
-        "faults": [one.code for one in rank_faults(report.measurements, limits)],
-        "refusal": report.refusal,
-        "table": None if report.refusal or scene is None else scene.table.name,
-        "balls": None if report.refusal or scene is None else report.ball_count,
-        "warnings": [] if report.refusal or scene is None else list(scene.warnings),
-        "bits_per_pixel": report.bits_per_pixel if math.isfinite(report.bits_per_pixel) else None,
-        "sentences": [VERDICT_WORDS[report.verdict], *(line for part in _list_sentences(report) for line in part)],
-        "measurements": [
-            {
-                "code": one.code,
-                "value": one.value if math.isfinite(one.value) else None,
-                "unit": WORDS[one.code].unit,
-                "level": one.level,
-                "good": limits.find_limit(one.code).good,
-                "bad": limits.find_limit(one.code).bad,
-                "advice": WORDS[one.code].advice if one.level in ("doubt", "bad") else "",
-            }
-            for one in report.measurements
-        ],
-    }
-
-
-def _print_report(report: FilmingReport) -> None:
-    """Print the verdict, all measurements and what to change."""
-    screen = cli.make_output_console()
-    rows = (
-        (SIGNS[one.level], WORDS[one.code].name, format_value(one), format_limit(one.code, FilmingLimits()))
-        for one in report.measurements
-    )
-    cli.print_rows(("", "", "measured", "good"), rows)
-    located, remarks = _list_sentences(report)
-    for line in (*located, *(f"- {remark}" for remark in remarks)):
-        screen.print(line, markup=False, soft_wrap=True)
-    screen.print(VERDICT_WORDS[report.verdict], markup=False)
-
-
-def _list_sentences(report: FilmingReport) -> tuple[list[str], list[str]]:
-    """List what was located, and what is doubtful or should be changed."""
-    scene, advice = report.view.scene, format_advice(report.measurements, report.refusal)
-    if scene is None or report.refusal:
-        return [], advice
-    return [format_located_table(scene.table, report.ball_count)], [*scene.warnings, *advice]
 
 
 def _draw_still(report: FilmingReport) -> ImageArray:

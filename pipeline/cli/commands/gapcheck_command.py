@@ -22,10 +22,6 @@ from pipeline.terminal import command_line as cli
 
 if TYPE_CHECKING:
     from pipeline.experiments.gapcheck.real_sets import OpenedSet
-    from pipeline.experiments.gapcheck.rivals import MethodAnswer
-
-# Answers of the compared methods, ours first, by the name of a case or set; empty without rivals.
-Comparisons = dict[str, "tuple[MethodAnswer, ...]"]
 
 
 @cli.command("gapcheck")
@@ -38,7 +34,6 @@ def gapcheck(
     fps: Annotated[float, typer.Option(min=5)] = 60.0,
     real: Annotated[list[Path] | None, typer.Option(metavar="DIR")] = None,
     keep: Path | None = None,
-    rivals: bool = False,
     as_json: cli.JsonOption = False,
 ) -> None:
     """Check `diagnose` blindly on simulators that withhold an effect, or on real shots with a sealed answer.
@@ -64,18 +59,15 @@ def gapcheck(
         real: Check sets of real shots instead of simulated cases: a folder with answers.json and one track folder per
             set, or with the public measurements that docs/explanation/diagnosis.md names. May be repeated.
         keep: Folder in which to keep the track folders and their reports.
-        rivals: Also run three other methods on the same shots, and print their answers beside those of `diagnose`:
-            pysindy (from the extra check), a small network, and a sparse regression with F tests.
     """
     if real:
         with TemporaryDirectory() as scratch:
-            opened_sets, comparisons = _check_real_sets(real, only, seed, keep or Path(scratch), rivals)
+            opened_sets = _check_real_sets(real, only, seed, keep or Path(scratch))
         if as_json:
-            measured = [_set_to_json(one) | _rivals_to_json(comparisons, one.name) for one in opened_sets]
+            measured = [_set_to_json(one) for one in opened_sets]
             print(format_strict_json({"cases": [], "measured": measured}, indent=None))
         else:
             _print_sets(opened_sets)
-            _print_rivals(comparisons)
         if any(one.unreadable for one in opened_sets):
             raise typer.Exit(1)
         return
@@ -102,14 +94,11 @@ def gapcheck(
                 diagnose_case(kind, own, place / f"{number:04d}", executor)
                 for number, (kind, own) in enumerate(track(cases, "diagnosis", console=cli.console))
             ]
-        comparisons = _compare_cases(opened, place) if rivals else {}
     if as_json:
-        documents = [_case_to_json(one) | _rivals_to_json(comparisons, _label_case(one)) for one in opened]
-        print(json.dumps({"cases": documents, "measured": []}, allow_nan=False))
+        print(json.dumps({"cases": [_case_to_json(one) for one in opened], "measured": []}, allow_nan=False))
         return
     if opened:
         _print_scores(opened, score_cases(opened))
-        _print_rivals(comparisons)
 
 
 def _print_scores(cases: list[Any], marks: Any) -> None:
@@ -141,58 +130,8 @@ def _case_to_json(one: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _label_case(one: Any) -> str:
-    """Return the name of a case."""
-    return f"{one.kind.name}, seed {one.seed}"
-
-
-def _compare_cases(opened: list[Any], place: Path) -> Comparisons:
-    """Run the rivals on opened cases."""
-    from pipeline.experiments.gapcheck.rivals import compare_case
-
-    return {
-        _label_case(one): compare_case(one, place / f"{number:04d}")
-        for number, one in enumerate(track(opened, "rivals", console=cli.console))
-    }
-
-
-def _print_rivals(comparisons: Comparisons) -> None:
-    """Print one row per case or set and method, and how often each method is right."""
-    if not comparisons:
-        return
-    rows = [(name, one) for name, answers in comparisons.items() for one in answers]
-    cells = (
-        (
-            name, one.method, one.note or " + ".join(one.named) or "-",
-            "-" if one.right is None else "yes" if one.right else "no",
-            f"{one.closed:.0%}" if math.isfinite(one.closed) else "-",
-            f"{one.seconds:.1f}" if math.isfinite(one.seconds) else "-",
-        )
-        for name, one in rows
-    )  # fmt: skip
-    cli.print_rows(("case", "method", "answer", "right", "closed", "seconds"), cells)
-    judged = {one.method: [other.right for _, other in rows if other.method == one.method] for _, one in rows}
-    counts = ((method, [bool(one) for one in marks if one is not None]) for method, marks in judged.items())
-    cli.print_rows(
-        ("method", "right"), ((method, f"{sum(marks)} of {len(marks)}") for method, marks in counts if marks)
-    )
-
-
-def _rivals_to_json(comparisons: Comparisons, name: str) -> dict[str, Any]:
-    """Return the answers of all methods to a case or set as JSON values; nothing where no rival ran."""
-    if name not in comparisons:
-        return {}
-    finite = (
-        {key: None if isinstance(value, float) and math.isnan(value) else value for key, value in asdict(one).items()}
-        for one in comparisons[name]
-    )
-    return {"methods": list(finite)}
-
-
-def _check_real_sets(
-    folders: list[Path], only: str, seed: int, place: Path, rivals: bool
-) -> tuple[list[OpenedSet], Comparisons]:
-    """Diagnose the sets of folders, with reports in `place`, and open their answers; then run the rivals."""
+def _check_real_sets(folders: list[Path], only: str, seed: int, place: Path) -> list[OpenedSet]:
+    """Diagnose the sets of folders, with reports in `place`, and open their answers."""
     from pipeline.experiments.gapcheck.real_sets import diagnose_real_set, list_real_sets
 
     place.mkdir(parents=True, exist_ok=True)
@@ -204,17 +143,10 @@ def _check_real_sets(
     if not selected:
         raise OptionError(f"--only {only!r} fits no set; there are {', '.join(names)}")
     with open_executor() as executor:
-        opened = [
+        return [
             diagnose_real_set(one, place / one.name / "gap", seed, executor)
             for one in track(selected, "diagnosis", console=cli.console)
         ]
-    if not rivals:
-        return opened, {}
-    from pipeline.experiments.gapcheck.rivals import compare_real_set
-
-    readable = [pair for pair in zip(selected, opened, strict=True) if not pair[1].unreadable]
-    tasks = track(readable, "rivals", console=cli.console)
-    return opened, {one.name: compare_real_set(one, own, seed) for one, own in tasks}
 
 
 def _print_sets(rows: list[OpenedSet]) -> None:

@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from PIL import Image, ImageDraw, ImageFont
 
 from models.core.errors import OptionError
 from pipeline.chain import build_court_graph, build_run_graph
-from pipeline.engine.atomic_write import replace_file
+from pipeline.engine.atomic_write import write_text
 from pipeline.engine.result_cache import ResultCache, open_cache
 from pipeline.engine.stage_graph import StageStatus
 from pipeline.run_options import RunOptions, build_options, list_settings
@@ -35,7 +34,7 @@ def graph(
 
     Args:
         clip: The clip whose stages are listed.
-        out: Draw the graph into an .svg or .png file.
+        out: Draw the graph into an .svg file.
     """
     if clip is None:
         stages = build_run_graph(Path(__file__), options).stages
@@ -109,22 +108,17 @@ def write_graph_image(statuses: Sequence[StageStatus], path: Path) -> None:
 
     Args:
         statuses: Stages with their states, in the order of the graph.
-        path: The file; its suffix, .svg or .png, decides the format.
+        path: The .svg file.
 
     Raises:
         OptionError: The suffix is another one.
     """
-    suffix = path.suffix.lower()
-    if suffix not in (".svg", ".png"):
-        raise OptionError(f"The graph is drawn into an .svg or a .png file; {path.name} is neither")
+    if path.suffix.lower() != ".svg":
+        raise OptionError(f"The graph is drawn into an .svg file; {path.name} is none")
     boxes = arrange_boxes(statuses)
     width = max(box.x for box in boxes) + BOX[0] + MARGIN
     height = max(box.y for box in boxes) + BOX[1] + MARGIN
-    with replace_file(path) as fresh:
-        if suffix == ".svg":
-            fresh.write_text(_format_svg(boxes, width, height), encoding="utf-8")
-        else:
-            _draw_png(boxes, width, height).save(fresh, format="PNG")
+    write_text(path, _format_svg(boxes, width, height))
 
 
 def _list_arrows(boxes: Sequence[StageBox]) -> list[tuple[int, int, int, int]]:
@@ -171,22 +165,3 @@ def _format_svg(boxes: Sequence[StageBox], width: int, height: int) -> str:
             f'<text x="{box.x + 12}" y="{box.y + 42}" font-size="11" fill="{SOFT}">{escape(why)}</text></g>'
         )
     return "\n".join([*parts, "</svg>\n"])
-
-
-def _draw_png(boxes: Sequence[StageBox], width: int, height: int) -> Image.Image:
-    scale = 2
-    image = Image.new("RGB", (scale * width, scale * height), "white")
-    draw = ImageDraw.Draw(image)
-    title, small = (ImageFont.load_default(scale * size) for size in (15, 11))
-    for x0, y0, x1, y1 in ([scale * v for v in arrow] for arrow in _list_arrows(boxes)):
-        bend = (x0 + x1) // 2
-        draw.line([(x0, y0), (bend, y0), (bend, y1), (x1, y1)], fill=LINE, width=scale + 1)
-        draw.polygon([(x1, y1), (x1 - 8 * scale, y1 - 4 * scale), (x1 - 8 * scale, y1 + 4 * scale)], fill=LINE)
-    for box in boxes:
-        name, why = box.lines
-        x, y = scale * box.x, scale * box.y
-        corner = (x + scale * BOX[0], y + scale * BOX[1])
-        draw.rounded_rectangle([(x, y), corner], 8 * scale, COLOURS[box.status.state], LINE, scale)
-        draw.text((x + 12 * scale, y + 7 * scale), name, INK, title)
-        draw.text((x + 12 * scale, y + 31 * scale), why, SOFT, small)
-    return image

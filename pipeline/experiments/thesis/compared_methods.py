@@ -14,9 +14,9 @@ from models.core.recording import record_points
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray, IntArray
 from models.estimation.rigid_bodies.rigid_body_fit import fit_rigid_bodies
-from models.estimation.springs.double_pendulum import fit_pendulum
 from models.estimation.springs.latent_inference import infer_springs
 from models.neural.common.method_interface import CURVES, MotionMethod, TrainingBudget, validate_samples
+from pipeline.experiments.thesis.arm_fit import fit_arms
 from pipeline.experiments.thesis.pool_scene import parse_shot_number, read_complete_segment
 from pipeline.experiments.thesis.thesis_scenes import (
     SWING_COUNT,
@@ -59,8 +59,8 @@ def _explain_springs(t: FloatArray, x: FloatArray) -> tuple[Motion, int, Sequenc
 
 def _explain_arms(t: FloatArray, x: FloatArray) -> tuple[Motion, int, Sequence[str]]:
     """Fit two rigid arms with friction behind the points of a recorded double pendulum."""
-    pendulum = fit_pendulum(t, convert_to_angles(x))
-    return lambda t: convert_to_points(pendulum.states_at(t)[:, :2]), len(pendulum.parameters), ()
+    motion, fitted = fit_arms(t, convert_to_angles(x))
+    return lambda t: convert_to_points(motion(t)), len(fitted), ()
 
 
 def _explain_boxes(t: FloatArray, x: FloatArray) -> tuple[Motion, int, Sequence[str]]:

@@ -9,7 +9,6 @@ They use a process pool of their own: the executors of fits have two processes a
 from __future__ import annotations
 
 import hashlib
-import json
 import multiprocessing
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -31,6 +30,7 @@ from models.neural.common.method_interface import (
 )
 from pipeline.engine.result_cache import CacheKey, ResultCache
 from pipeline.engine.source_fingerprint import hash_sources, library_versions
+from pipeline.engine.value_files import load_value, save_value
 from pipeline.experiments.thesis.compared_methods import THESIS_NET, is_network
 from pipeline.experiments.thesis.experiment_plan import ExperimentPlan, TrialTask, prepare_trial
 from pipeline.experiments.thesis.thesis_scenes import (
@@ -90,10 +90,8 @@ class Trial:
 def run_trial(method: MotionMethod, series: WithheldSeries, budget: TrainingBudget, cache: ResultCache) -> Trial:
     """Run a trial, or read it from the cache if the same was run with the same code."""
     key = _build_key(method, series, budget)
-    folder = cache.find_or_build(key, lambda folder: _write_trial(method, series, budget, folder)).folder
-    values = json.loads((folder / "trial.json").read_text(encoding="utf-8"))
-    with np.load(folder / "trial.npz") as arrays:
-        return Trial(series.case, method.name, **values, **arrays)
+    entry = cache.find_or_build(key, lambda folder: save_value(_measure_trial(method, series, budget), folder))
+    return load_value(Trial, entry.folder)
 
 
 def _build_key(method: MotionMethod, series: WithheldSeries, budget: TrainingBudget) -> CacheKey:
@@ -115,8 +113,8 @@ def _hash_method_sources(module: str) -> dict[str, str]:
     return {**hash_sources(module), **hash_sources(__name__)}
 
 
-def _write_trial(method: MotionMethod, series: WithheldSeries, budget: TrainingBudget, folder: Path) -> None:
-    """Run a method and write its result to a folder."""
+def _measure_trial(method: MotionMethod, series: WithheldSeries, budget: TrainingBudget) -> Trial:
+    """Run a method and compare its motion with the withheld samples."""
     t, truth = series.withheld_samples
     fitted, note = None, ""
     try:
@@ -129,20 +127,16 @@ def _write_trial(method: MotionMethod, series: WithheldSeries, budget: TrainingB
     )
     error = np.sqrt(np.mean(off**2, axis=(1, 2)))
     loss = np.empty(0) if fitted is None else fitted.loss_curve
-    np.savez(folder / "trial.npz", t=t, error=error, loss=loss)
     mse = float(np.mean(off**2))
-    rivals = {
-        name: mean_squared_error(curve.fit(*series.visible_samples, 0, budget).at(t), truth) / mse
-        if mse > 0
-        else np.inf
-        for name, curve in (("x_linear", LINEAR), ("x_cubic", CUBIC))
-    }
-    values = {
-        "mse": mse, **rivals, "seconds": fitted.seconds if fitted else np.nan,
-        "parameters": fitted.parameter_count if fitted else 0, "note": note or _describe_defects(guess, fitted),
-        "is_trained": fitted is None or fitted.is_trained,
-    }  # fmt: skip
-    (folder / "trial.json").write_text(json.dumps(values), encoding="utf-8")
+    x_linear, x_cubic = (
+        mean_squared_error(curve.fit(*series.visible_samples, 0, budget).at(t), truth) / mse if mse > 0 else np.inf
+        for curve in (LINEAR, CUBIC)
+    )
+    return Trial(
+        series.case, method.name, mse, x_linear, x_cubic, fitted.seconds if fitted else np.nan,
+        fitted.parameter_count if fitted else 0, note or _describe_defects(guess, fitted), t, error, loss,
+        fitted is None or fitted.is_trained,
+    )  # fmt: skip
 
 
 def _describe_defects(guess: FloatArray, fitted: FittedMotion | None) -> str:

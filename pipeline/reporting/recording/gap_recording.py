@@ -22,7 +22,7 @@ from models.core.typing import FloatArray
 from models.estimation.gap_scenes.outside_simulator import OutsideSimulator
 from pipeline.engine.atomic_write import replace_file
 from pipeline.io.simulators.mujoco_simulator import MujocoSimulator, Shape
-from pipeline.reporting.recording.recorded_shot import finish_stream, open_stream
+from pipeline.reporting.recording.recorded_shot import arrange_panels, finish_stream, open_stream
 from pipeline.reporting.text import gap_sentences
 
 # Name of the timeline in s, on which windows follow one another.
@@ -195,9 +195,4 @@ def _build_gap_blueprint(joints: tuple[str, ...], units: Mapping[str, str], pose
         )  # fmt: skip
         view = rrb.Spatial3DView(origin="world", name="Recorded, and predicted (m)", eye_controls=eye)
         layout = rrb.Vertical(rrb.Horizontal(view, texts, column_shares=[3, 1]), plots, row_shares=[3, 2])
-    return rrb.Blueprint(
-        layout,
-        rrb.TimePanel(timeline=TIME, state="collapsed", play_state="playing", loop_mode="all"),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-    )
+    return arrange_panels(layout, TIME)

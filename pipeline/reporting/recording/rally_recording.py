@@ -23,6 +23,7 @@ from models.estimation.rally.stroke_summary import Stroke, summarize_strokes
 from pipeline.engine.atomic_write import replace_file
 from pipeline.reporting.recording.recorded_shot import (
     VIDEO_TIME,
+    arrange_panels,
     build_time_columns,
     finish_stream,
     log_video,
@@ -93,7 +94,7 @@ def build_rally_blueprint(clip: Clip, rally: Rally) -> rrb.Blueprint:
         rrb.TextDocumentView(origin="about", name="Answer"),
         active_tab=1,
     )
-    return rrb.Blueprint(
+    return arrange_panels(
         rrb.Vertical(
             rrb.Horizontal(
                 rrb.Spatial2DView(origin="picture", name="Video", contents="picture/**", visual_bounds=whole),
@@ -108,9 +109,6 @@ def build_rally_blueprint(clip: Clip, rally: Rally) -> rrb.Blueprint:
             ),
             row_shares=[5, 2],
         ),
-        rrb.TimePanel(timeline=VIDEO_TIME, state="collapsed", play_state="playing", loop_mode="all"),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
     )
 
 

@@ -136,10 +136,16 @@ def build_recorded_shot(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit) -> R
 MARGIN_RADII = 4.0
 
 
+def arrange_panels(views: rrb.Container, timeline: str = VIDEO_TIME) -> rrb.Blueprint:
+    """Arrange the viewer around views: one timeline, played again and again, and no other panel."""
+    time = rrb.TimePanel(timeline=timeline, state="collapsed", play_state="playing", loop_mode="all")
+    return rrb.Blueprint(views, time, rrb.BlueprintPanel(state="collapsed"), rrb.SelectionPanel(state="collapsed"))
+
+
 def build_blueprint(clip: Clip, table: Table | None) -> rrb.Blueprint:
     """Build the layout for a clip; without a table, the plan has no fixed bounds."""
     whole = rrb.VisualBounds2D(x_range=[-0.5, clip.width - 0.5], y_range=[-0.5, clip.height - 0.5])
-    return rrb.Blueprint(
+    return arrange_panels(
         rrb.Vertical(
             rrb.Horizontal(
                 rrb.Spatial2DView(origin="picture", name="Video", visual_bounds=whole),
@@ -153,9 +159,6 @@ def build_blueprint(clip: Clip, table: Table | None) -> rrb.Blueprint:
             ),
             row_shares=[5, 2],
         ),
-        rrb.TimePanel(timeline=VIDEO_TIME, state="collapsed", play_state="playing", loop_mode="all"),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
     )
 
 

@@ -15,6 +15,9 @@ VERDICT_WORDS = {
     "doubts": "Go with doubts: the clip can be used, and could be better.",
     "no-go": "No-go: change this before you film on.",
 }
+# Signs of the levels of measurements.
+LEVEL_SIGNS = {"good": "✓", "doubt": "!", "bad": "✗", "unknown": "–"}
+LIMITS = FilmingLimits()
 # Faults of the light as a whole.
 LIGHT_CODES = ("exposure", "clipping")
 
@@ -94,11 +97,6 @@ def format_value(one: FilmingMeasurement) -> str:
     return f"{one.value:.{words.digits}f} {words.unit}"
 
 
-def format_limit(code: str, limits: FilmingLimits) -> str:
-    """Format from or up to which value a measurement is good, and from where it is bad."""
-    return format_bounds(limits.find_limit(code))
-
-
 def format_bounds(limit: Limit) -> str:
     """Format from or up to which value a measurement with a limit is good, and from where it is bad."""
     good, bad = ("at least", "below") if limit.bad < limit.good else ("at most", "above")
@@ -115,8 +113,7 @@ def format_advice(measurements: Sequence[FilmingMeasurement], refusal: str) -> l
         One sentence per measurement that is not good.
     """
     lines = [
-        f"{WORDS[one.code].name}: {format_value(one)}. {WORDS[one.code].advice}"
-        for one in rank_faults(measurements, FilmingLimits())
+        f"{WORDS[one.code].name}: {format_value(one)}. {WORDS[one.code].advice}" for one in rank_faults(measurements)
     ]
     return [f"A run refuses this clip: {refusal}.", *lines] if refusal else lines
 
@@ -127,7 +124,7 @@ def format_located_table(table: Table, ball_count: int) -> str:
     return f"Table {table.name}, {table.length:g} x {table.width:.3g} m; {balls} in the first frame looked at."
 
 
-def rank_faults(measurements: Sequence[FilmingMeasurement], limits: FilmingLimits) -> list[FilmingMeasurement]:
+def rank_faults(measurements: Sequence[FilmingMeasurement]) -> list[FilmingMeasurement]:
     """Rank the measurements that are not good: by level, causes before what they may cause, then the worst first.
 
     All else is measured in the light of the frames, so that too little or too much of it is named first of its level. A
@@ -137,12 +134,12 @@ def rank_faults(measurements: Sequence[FilmingMeasurement], limits: FilmingLimit
     return sorted(
         faults,
         key=lambda one: (
-            one.level != "bad", one.code not in LIGHT_CODES, one.code == "corners", -_measure_excess(one, limits)
+            one.level != "bad", one.code not in LIGHT_CODES, one.code == "corners", -_measure_excess(one)
         ),
     )  # fmt: skip
 
 
-def _measure_excess(one: FilmingMeasurement, limits: FilmingLimits) -> float:
+def _measure_excess(one: FilmingMeasurement) -> float:
     """Return how far a value is beyond the last good one, relative to the last one that is not bad."""
-    limit = limits.find_limit(one.code)
+    limit = LIMITS.find_limit(one.code)
     return (one.value - limit.good) / (limit.bad - limit.good)

@@ -12,7 +12,6 @@ import signal
 import socket
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -40,7 +39,7 @@ from pipeline.batch.clip_discovery import (
     survey_folder,
 )
 from pipeline.batch.clip_job import ClipJob, ClipLimits, ClipResult
-from pipeline.batch.dask_cluster import hash_code, require_usable_answer, start_local_client
+from pipeline.batch.dask_cluster import hash_code, require_usable_answer
 from pipeline.batch.run_batch import format_csv, render_index_page, write_summary
 from pipeline.batch.supervision import SupervisedProcess
 from pipeline.chain import default_run_folder, make_change_check
@@ -248,7 +247,8 @@ def test_processes_are_asked_to_exit_together_and_once(tmp_path: Path, monkeypat
     monkeypatch.chdir(tmp_path)
     for k in range(2):
         monkeypatch.setattr(clip_runner, "build_command", lambda k=k: [sys.executable, "-c", SLOW_TO_LEAVE, str(k)])
-        supervision.start_processes(1)
+        supervision._PROCESSES.append(SupervisedProcess())
+        supervision._PROCESSES[-1].start()
     while len(list(tmp_path.glob("stands *"))) < 2:
         time.sleep(0.01)
     children = [one._child.process for one in supervision._PROCESSES if one._child is not None]
@@ -496,24 +496,11 @@ def test_a_cluster_that_is_not_there_or_does_not_share_is_refused_before_the_wor
             )
 
 
-def test_nobody_elsewhere_can_talk_to_a_local_cluster() -> None:
-    with start_local_client(2) as client:
-        assert sum(client.nthreads().values()) == 2
-        open_to = {place.laddr.ip for place in psutil.Process().net_connections("inet") if place.status == "LISTEN"}
-        assert open_to <= {"127.0.0.1"}
-
-
-def test_a_local_cluster_leaves_nothing_among_temporary_files_nor_lets_dead_ones(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    with subprocess.Popen([sys.executable, "-c", ""]) as dead:
-        dead.wait()
-    (tmp_path / f".trueroll.abc.{machine_id()}-{dead.pid}.part" / "dask-scratch-space").mkdir(parents=True)
-    with start_local_client(1):
-        (ours,) = tmp_path.glob(".trueroll.*")
-        assert str(os.getpid()) in ours.name
-    assert not list(tmp_path.iterdir())
+def test_processes_share_the_clips_of_a_batch_and_a_pause_ends_nothing(job: ClipJob) -> None:
+    jobs = iter([replace(job, name="a"), None, replace(job, name="b"), replace(job, name="c")])
+    results = list(supervision.run_on_processes(2, jobs, lambda name, message: None))
+    assert {one.clip for one in results} == {"a", "b", "c"}
+    assert not supervision._PROCESSES
 
 
 @pytest.mark.parametrize("ends", ["when nothing comes", "with an interruption"])

@@ -15,6 +15,7 @@ from support.pseudo_terminal import Terminal, make_terminal
 from models.core.scene import Game, Scene
 from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.reconstruction.shot_views import view_shot
+from pipeline.actions.answer_call import open_run_clip
 from pipeline.io.run_tables import write_scene
 
 trueroll = pytest.fixture(make_terminal)
@@ -156,3 +157,15 @@ def test_a_foul_is_named_with_each_fact_and_what_is_not_told(trueroll: Terminal,
     assert first["verdict"] == "no ball"
     assert first["margin_mm"] == pytest.approx(missed["margin_mm"]), "what touched nothing has its nearest pass"
     assert "touched no ball, and came nearest to the red; " in first["sentence"]
+
+
+def test_the_clip_of_a_run_may_be_a_folder_of_numbered_images(tmp_path: Path) -> None:
+    images, run = tmp_path / "row", tmp_path / "run"
+    images.mkdir()
+    run.mkdir()
+    for number in range(7):
+        Image.new("RGB", (64, 48), (20 * number, 80, 60)).save(images / f"{number:03d}.png")
+    (run / "source.json").write_text(json.dumps({"path": str(images)}))
+    (run / "scene.json").write_text("{}")
+    footage, why_not = open_run_clip(run, None)
+    assert (why_not, footage is not None and footage.frame_count) == ("", 7)

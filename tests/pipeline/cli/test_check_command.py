@@ -15,7 +15,7 @@ from support.sample_clips import SAMPLES
 from pipeline.cli.execute import execute_command_line
 from pipeline.io.image_file import write_image
 from pipeline.reporting.text.filming_sentences import rank_faults
-from video.filming_check.measure_filming import CODES, FilmingLimits, FilmingMeasurement
+from video.filming_check.measure_filming import CODES, FilmingMeasurement
 from video.io.clip import open_clip, read_frames
 from video.io.video_writer import VideoWriter
 
@@ -51,7 +51,7 @@ def test_a_clip_without_a_table_is_a_no_go_for_scripts(tmp_path: Path, capsys: p
 def test_the_light_is_named_before_what_it_hides_and_a_missing_table_last() -> None:
     codes = ("corners", "camera_drift", "exposure", "focus")
     faults = [FilmingMeasurement(code, 0.0 if code == "exposure" else 90.0, "doubt") for code in codes]
-    ranked = [one.code for one in rank_faults([*faults, FilmingMeasurement("glare", 99.0, "bad")], FilmingLimits())]
+    ranked = [one.code for one in rank_faults([*faults, FilmingMeasurement("glare", 99.0, "bad")])]
     assert ranked[:2] == ["glare", "exposure"]
     assert ranked[-1] == "corners"
 

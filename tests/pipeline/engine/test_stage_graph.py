@@ -10,7 +10,6 @@ from typing import Any
 from xml.etree import ElementTree
 
 import pytest
-from PIL import Image
 
 from models.core.errors import OptionError
 from models.core.progress import Progress
@@ -199,12 +198,8 @@ def test_the_drawing_names_every_stage_and_its_reason(code: Path, cache: ResultC
     words = "".join(ElementTree.parse(tmp_path / "graph.svg").getroot().itertext())
     assert all(name in words for name in NAMES)
     assert "option plus changed" in words
-    write_graph_image(views, tmp_path / "graph.png")
-    with Image.open(tmp_path / "graph.png") as image:
-        assert image.width > 1000
-        assert len(image.getcolors(1 << 20)) > 10
     with pytest.raises(OptionError, match="svg"):
-        write_graph_image(views, tmp_path / "graph.gif")
+        write_graph_image(views, tmp_path / "graph.png")
 
 
 def test_a_selected_stage_keeps_all_that_it_needs_in_order(code: Path) -> None:

@@ -75,18 +75,6 @@ def test_the_table_counts_right_answers(trueroll: Terminal, sets: Path, tmp_path
     assert json.loads((tmp_path / "wood" / "gap" / "gap.json").read_text())["effects"] == ["sliding_friction"]
 
 
-def test_rivals_are_printed_beside_the_diagnosis(trueroll: Terminal, sets: Path) -> None:
-    done = trueroll("gapcheck", "--real", sets, "--only", "wood", "--rivals", "--json")
-    assert done.status == 0
-    (row,) = json.loads(done.out)["measured"]
-    methods = {one["method"]: one for one in row["methods"]}
-    assert list(methods) == ["trueroll", "pysindy", "network", "sparse regression"]
-    assert methods["trueroll"]["named"] == ["sliding_friction"]
-    assert methods["network"]["right"] is None
-    table = trueroll("gapcheck", "--real", sets, "--only", "wood", "--rivals").out
-    assert table.count("wood") == 1 + len(methods)
-
-
 @pytest.mark.parametrize("content", ["[1]", "{", '{"wood": {"missing": "slope"}}'])
 def test_answers_that_cannot_be_read_are_one_sentence(tmp_path: Path, content: str) -> None:
     (tmp_path / "answers.json").write_text(content, encoding="utf-8")

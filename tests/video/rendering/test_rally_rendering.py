@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.court_cases.court_clips import write_rally_clip
 from models.core.court_camera import CourtCamera
 from models.core.typing import FloatArray
 from models.sports.sport_catalogue import find_sports
@@ -108,7 +109,7 @@ def test_painted_lines_cover_their_width() -> None:
 
 def test_a_clip_is_written_with_its_truth(tmp_path: Path) -> None:
     rally = make_rally("table-tennis")
-    truth = rally_clips.write_rally_clip(tmp_path, rally, "broadcast", 25, seed=5, size=SIZE, span=(0.1, 0.5))
+    truth = write_rally_clip(tmp_path, rally, "broadcast", 25, seed=5, size=SIZE, span=(0.1, 0.5))
     assert (tmp_path / "clip.mp4").exists()
     assert len(truth.t) == 10
     with np.load(tmp_path / "truth.npz") as arrays:

@@ -16,10 +16,10 @@ from models.core.typing import FloatArray
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
 from models.physics.billiards.cushion_geometry import Rails, build_rails
 from models.physics.billiards.simulation.event_engine import EVENT_WIDTH, SEGMENT_BALL, SEGMENT_WIDTH, simulate_events
-from models.physics.billiards.simulation.simulated_shot import BallSet, SimulatedShot, kinetic_energy
+from models.physics.billiards.simulation.simulated_shot import BallSet, SimulatedShot
 from models.physics.billiards.simulation.table_physics import Physics
 
-__all__ = ["BallSet", "Physics", "Rails", "SimulatedShot", "build_rails", "kinetic_energy", "simulate"]
+__all__ = ["BallSet", "Physics", "Rails", "SimulatedShot", "build_rails", "simulate"]
 
 
 # Number of contacts for which there is room at first.

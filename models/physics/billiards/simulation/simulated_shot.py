@@ -72,22 +72,6 @@ class BallSet:
             raise ValueError("balls have a radius and a mass above 0")
 
 
-def kinetic_energy(state: FloatArray, radius: FloatArray, mass: FloatArray) -> FloatArray:
-    """Compute the kinetic energy of solid spheres.
-
-    Args:
-        state: (..., N, 7) states.
-        radius: (N,) m.
-        mass: (N,) kg.
-
-    Returns:
-        (..., N) J.
-    """
-    v, w = np.sum(state[..., 2:4] ** 2, axis=-1), np.sum(state[..., 4:7] ** 2, axis=-1)
-    total: FloatArray = 0.5 * mass * (v + 0.4 * radius**2 * w)
-    return total
-
-
 @dataclass(frozen=True, slots=True)
 class SimulatedShot:
     """A shot from time 0 to `seconds`."""
@@ -129,38 +113,6 @@ class SimulatedShot:
         states[order] = ordered
         return states.reshape(*times.shape, *ordered.shape[1:])
 
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """All inputs (P,) of the shot, with the names that `jacobian` takes."""
-        of_balls = [f"{ball}.{name}" for ball in self.balls.ids for name in BALL_COLUMNS]
-        return (*of_balls, *PARAMETER_NAMES, *(f"nose.{side}" for side in CUSHIONS))
-
-    def jacobian(self, t: float | FloatArray, wrt: tuple[str, ...] | None = None) -> FloatArray:
-        """Differentiate the states by inputs of the shot; the order of contacts is held fixed.
-
-        Args:
-            t: (...) times, s.
-            wrt: Names among `columns`; None for states, radii and masses of all balls and the parameters that are
-                present.
-
-        Returns:
-            (..., N, 7, len(wrt)) derivatives; NaN for a ball in a pocket.
-
-        Raises:
-            ValueError: A name is not among `columns`.
-        """
-        columns = self.columns
-        if wrt is None:
-            wrt = (*columns[: len(self.balls.ids) * len(BALL_COLUMNS)], *self.physics.present)
-        if unknown := set(wrt) - set(columns):
-            raise ValueError(f"derivatives are by {', '.join(columns)}; got {', '.join(sorted(unknown))}")
-        directions = np.zeros((len(columns), len(wrt)))
-        directions[[columns.index(name) for name in wrt], np.arange(len(wrt))] = 1.0
-        times = np.asarray(t, dtype=np.float64)
-        place = np.arange(times.size * len(self.balls.ids)).reshape(times.size, -1)
-        derivatives = self.directional_derivatives(times.reshape(-1), place, directions, STATE_SIZE)
-        return derivatives.reshape(*times.shape, len(self.balls.ids), STATE_SIZE, len(wrt))
-
     def directional_derivatives(
         self, t: FloatArray, place: IntArray, directions: FloatArray, numbers: int
     ) -> FloatArray:
@@ -169,7 +121,7 @@ class SimulatedShot:
         Args:
             t: (T,) times, s.
             place: (T, N) row of the result for each ball and time, -1 where none is wanted.
-            directions: (P, C) directions, in the order of `columns`.
+            directions: (P, C) over `BALL_COLUMNS` of each ball, `PARAMETER_NAMES`, and the offsets of the noses.
             numbers: 7 for whole states, 2 for places only.
 
         Returns:
@@ -185,7 +137,7 @@ class SimulatedShot:
         Args:
             t: (T,) times, s.
             place: (T, N) row of the result for each ball and time, -1 where none is wanted.
-            directions: (P, C) directions, in the order of `columns`.
+            directions: (P, C) over `BALL_COLUMNS` of each ball, `PARAMETER_NAMES`, and the offsets of the noses.
             numbers: 7 for whole states, 2 for places only.
             end: s; infinite if no states at an end are wanted.
 

@@ -7,6 +7,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from support.shot_inputs import kinetic_energy
 
 from models.core.scene import Table
 from models.core.typing import FloatArray
@@ -29,7 +30,7 @@ from models.physics.billiards.simulation.event_engine import (
     disturb_rebound,
     to_cushion_axes,
 )
-from models.physics.billiards.simulation.simulate_shot import BallSet, kinetic_energy, simulate
+from models.physics.billiards.simulation.simulate_shot import BallSet, simulate
 from models.physics.billiards.simulation.table_physics import Physics, contact_parameters
 from models.physics.billiards.tables import TABLE_PRESETS
 

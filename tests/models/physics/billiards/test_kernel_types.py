@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numba import types
 from numba.core.dispatcher import Dispatcher
+from support.shot_inputs import differentiate_states
 
 from models.physics.billiards.simulation.simulate_shot import BallSet, simulate
 from models.physics.billiards.simulation.table_physics import Physics
@@ -29,7 +30,7 @@ def list_special_types() -> list[str]:
     physics = Physics.from_effects({"sliding_friction": {"mu": 0.2}, "slope": {"slope_x": 1.0}})
     shot = simulate(balls, table, physics, 2.0)
     assert len(shot.contacts) > 2
-    shot.jacobian(np.linspace(0.0, 2.0, 5))
+    differentiate_states(shot, np.linspace(0.0, 2.0, 5))
     modules = [module for name, module in sys.modules.items() if name.startswith("models.")]
     kernels = {id(one): one for module in modules for one in vars(module).values() if isinstance(one, Dispatcher)}
     arguments = [(one.py_func.__name__, each) for one in kernels.values() for s in one.signatures for each in s]

@@ -7,6 +7,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from support.shot_inputs import differentiate_states, list_inputs
 
 from models.core.scene import Table
 from models.core.typing import FloatArray
@@ -58,7 +59,7 @@ def shot(table: Table = CAROM) -> FloatArray:
 
 
 def simulate_inputs(inputs: FloatArray, physics: Physics, table: Table) -> SimulatedShot:
-    """Simulate the shot of all inputs (P,), in the order of `SimulatedShot.columns`."""
+    """Simulate the shot of all inputs (P,), in the order of `list_inputs`."""
     balls = inputs[:27].reshape(3, 9)
     ball_set = BallSet(("a", "b", "c"), balls[:, :7].copy(), balls[:, 7].copy(), balls[:, 8].copy())
     values = inputs[27 : 27 + len(PARAMETER_NAMES)]
@@ -89,12 +90,12 @@ def check(physics: Physics, table: Table, step: float, within: float, least: int
     curved = {PARAMETER_NAMES[k] for k in PATH_BENDING_PARAMETERS}
     if physics.ball == "elastic":  # without a loss of energy, the restitution can only fall
         curved |= {name for name in GENERIC if name.startswith("ball_impulse")}
-    wrt = tuple(name for name in run.columns if name not in curved or name in physics.present)
-    exact = run.jacobian(TIMES, wrt)
+    wrt = tuple(name for name in list_inputs(run) if name not in curved or name in physics.present)
+    exact = differentiate_states(run, TIMES, wrt)
     assert exact.shape == (len(TIMES), 3, 7, len(wrt))
     for k, name in enumerate(wrt):
         one = {"w": 30.0, "k": 0.1}.get(name.split(".")[1][0], 1.0) * (0.01 if name.startswith("nap") else 1.0)
-        column = run.columns.index(name)
+        column = list_inputs(run).index(name)
         numeric = differences(inputs, column, step * one, physics, table, run.contacts[:, [0, 2, 3]])
         size = max(np.abs(exact[..., k] * UNITS).max(), 1e-3)
         assert np.abs((numeric - exact[..., k]) * UNITS).max() < within * size, name
@@ -132,8 +133,8 @@ def test_an_absent_effect_has_a_derivative_too() -> None:
         *((f"cloth_force.{name}", 1e-5) for name in ("brake_1", "brake_2", "brake_3", "turn_1")),
         *((f"cloth_force.{name}", 1e-3) for name in ("turn_0", "pull_x", "pull_y")),
     ):
-        exact = run.jacobian(TIMES, (name,))[..., 0]
-        column = run.columns.index(name)
+        exact = differentiate_states(run, TIMES, (name,))[..., 0]
+        column = list_inputs(run).index(name)
         numeric = np.zeros_like(exact)
         for h, weight in ((step, 2.0), (2 * step, -0.5), (0.0, -1.5)):  # one-sided: drag does not go below 0
             moved = inputs.copy()
@@ -149,21 +150,23 @@ def test_a_ball_in_a_pocket_has_no_state_and_no_derivative() -> None:
     run = simulate(BallSet(("cue",), state, np.array([0.0286]), np.array([0.17])), table, Physics.from_effects({}), 3.0)
     assert run.events.kind[-1] == "pocket"
     assert np.all(np.isnan(run.states_at(3.0)))
-    assert np.all(np.isnan(run.jacobian(3.0)))
-    assert np.all(np.isfinite(run.jacobian(0.1)))
+    assert np.all(np.isnan(differentiate_states(run, 3.0)))
+    assert np.all(np.isfinite(differentiate_states(run, 0.1)))
 
 
 def test_a_direction_adds_up_the_columns_that_it_moves() -> None:
     usual = physics("mathavan_2010", "inelastic", {})
     run = simulate_inputs(np.concatenate([shot().ravel(), usual.values, np.zeros(4)]), usual, CAROM)
-    columns = tuple(name for name in run.columns if name.split(".")[0] not in ("slope", "air_drag", "viscous_drag"))
-    directions = np.zeros((len(run.columns), 3))
+    columns = tuple(
+        name for name in list_inputs(run) if name.split(".")[0] not in ("slope", "air_drag", "viscous_drag")
+    )
+    directions = np.zeros((len(list_inputs(run)), 3))
     mixed = np.random.default_rng(1).normal(size=(len(columns), 3))
-    directions[[run.columns.index(name) for name in columns]] = mixed
+    directions[[list_inputs(run).index(name) for name in columns]] = mixed
     place = np.full((len(TIMES), 3), -1)
     place[::2, 1], place[1::2, 2] = np.arange(3), 3 + np.arange(3)
     times, balls = np.nonzero(place.T >= 0)[::-1]
-    expected = run.jacobian(TIMES, columns)[times, balls] @ mixed
+    expected = differentiate_states(run, TIMES, columns)[times, balls] @ mixed
     for numbers in (2, 7):
         derivatives = run.directional_derivatives(TIMES, place, directions, numbers)
         np.testing.assert_allclose(derivatives[place[times, balls]], expected[:, :numbers], rtol=1e-9, atol=1e-9)

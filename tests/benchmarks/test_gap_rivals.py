@@ -9,10 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pipeline.experiments.gapcheck.blind_case import build_oracle, simulate_case
-from pipeline.experiments.gapcheck.body_cases import BODY_KINDS, BodyKind
-from pipeline.experiments.gapcheck.rival_terms import ResidualSamples, build_terms, sample_residuals
-from pipeline.experiments.gapcheck.rivals import (
+from benchmarks.diagnosis.gap_rivals import (
     NETWORK,
     OURS,
     SINDY,
@@ -24,6 +21,9 @@ from pipeline.experiments.gapcheck.rivals import (
     fit_sparse_regression,
     is_right_answer,
 )
+from benchmarks.diagnosis.rival_terms import ResidualSamples, build_terms, sample_residuals
+from pipeline.experiments.gapcheck.blind_case import build_oracle, simulate_case
+from pipeline.experiments.gapcheck.body_cases import BODY_KINDS, BodyKind
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import build_gap_scene
 
@@ -70,7 +70,7 @@ def test_pysindy_names_the_friction_of_a_slide(tmp_path: Path) -> None:
 
 
 def test_a_method_that_is_not_installed_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pipeline.experiments.gapcheck.rivals.find_spec", lambda name: None)
+    monkeypatch.setattr("benchmarks.diagnosis.gap_rivals.find_spec", lambda name: None)
     answers = compare("slide, friction", tmp_path, ())
     assert answers[SINDY].note == "pysindy is not installed"
     assert answers[SINDY].right is None
@@ -143,7 +143,7 @@ def test_names_are_judged_by_what_was_withheld() -> None:
 
 
 def test_without_free_motion_no_rival_answers(monkeypatch: pytest.MonkeyPatch) -> None:
-    module = "pipeline.experiments.gapcheck.rivals"
+    module = "benchmarks.diagnosis.gap_rivals"
     oracle = SimpleNamespace(problem=None, fitting_shots=(), holdout_shots=(), noise=None, base=None)
     monkeypatch.setattr(f"{module}.build_oracle", lambda scene, recordings: oracle)
     monkeypatch.setattr(f"{module}.sample_residuals", lambda *_: None)

@@ -1,5 +1,10 @@
 """Three rivals of the diagnosis on the same shots: pysindy, a small network, and a certified sparse regression.
 
+    python -m benchmarks.diagnosis.gap_rivals [--only flight] [--seeds 1] [--seed 0] [--shots 12] [--real DIR]
+
+The shots are those of the kinds of case of `trueroll gapcheck`, or of the sets of real shots in DIR. Prints a row per
+case and method: what is named, whether that is right, the closed share and the time, and how often each is right.
+
 All of them explain the acceleration that the fitted simulator lacks (`rival_terms`). Two thirds of the shots that the
 diagnosis does not hold out fit them, the others choose between fits, and the hold-out shots measure what is closed.
 Terms of effects that the simulator has adjust its parameters, and are not named.
@@ -7,9 +12,12 @@ Terms of effects that the simulator has adjust its parameters, and are not named
 
 from __future__ import annotations
 
+import argparse
+import math
+import tempfile
 import time
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,14 +25,20 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import chi2, f
 
+from benchmarks.diagnosis.rival_terms import ResidualSamples, sample_residuals
 from diagnosis.fitting.shot_preparation import apply_noise_estimate
 from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray
 from models.estimation.gap_scenes.gap_scene import GapScene
-from pipeline.experiments.gapcheck.billiards_cases import CaseKind
-from pipeline.experiments.gapcheck.blind_case import OpenedCase, build_oracle
-from pipeline.experiments.gapcheck.real_sets import OpenedSet, RealSet, read_accepted_answers
-from pipeline.experiments.gapcheck.rival_terms import ResidualSamples, sample_residuals
+from pipeline.experiments.gapcheck.billiards_cases import DEFAULT_KINDS, KINDS, CaseKind
+from pipeline.experiments.gapcheck.blind_case import OpenedCase, build_oracle, diagnose_case, simulate_case
+from pipeline.experiments.gapcheck.real_sets import (
+    OpenedSet,
+    RealSet,
+    diagnose_real_set,
+    list_real_sets,
+    read_accepted_answers,
+)
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import build_gap_scene
 
@@ -308,3 +322,69 @@ def is_right_answer(kind: CaseKind, names: tuple[str, ...]) -> bool:
     if kind.foreign:
         return names == ("unknown",)
     return kind.is_named_by(frozenset(names))
+
+
+Comparison = tuple[str, tuple[MethodAnswer, ...]]
+
+
+def compare_cases(only: str, seeds: range, shots: int, scratch: Path) -> Iterator[Comparison]:
+    """Diagnose cases whose kind contains a word, and run the rivals on each."""
+    for kind in KINDS if only else DEFAULT_KINDS:
+        if only not in kind.name or (kind.engine and not find_spec(kind.engine)):
+            continue
+        for seed in seeds:
+            folder = scratch / f"{kind.name}, seed {seed}"
+            simulate_case(kind, seed, shots, 60.0, scratch / "sealed.json", folder)
+            yield folder.name, compare_case(diagnose_case(kind, seed, folder), folder)
+
+
+def compare_real_sets(real: Path, only: str, seed: int, scratch: Path) -> Iterator[Comparison]:
+    """Diagnose the sets of a folder whose name contains a word, and run the rivals on each."""
+    for one in list_real_sets(real, scratch):
+        if only in one.name:
+            opened = diagnose_real_set(one, scratch / one.name / "gap", seed)
+            yield (
+                one.name,
+                (MethodAnswer(OURS, note=opened.unreadable),)
+                if opened.unreadable
+                else compare_real_set(one, opened, seed),
+            )
+
+
+def print_comparison(name: str, answers: Iterable[MethodAnswer]) -> None:
+    """Print one row per method."""
+    for one in answers:
+        right = "-" if one.right is None else "yes" if one.right else "no"
+        closed = f"{one.closed:.0%}" if math.isfinite(one.closed) else "-"
+        seconds = f"{one.seconds:.1f}" if math.isfinite(one.seconds) else "-"
+        said = one.note or " + ".join(one.named) or "-"
+        print(f"| {name} | {one.method} | {said} | {right} | {closed} | {seconds} |", flush=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", default="", help="kinds of case, or sets, whose name contains this word")
+    parser.add_argument("--seeds", type=int, default=1, help="number of cases per kind")
+    parser.add_argument("--seed", type=int, default=0, help="first seed")
+    parser.add_argument("--shots", type=int, default=12, help="shots of a case")
+    parser.add_argument("--real", type=Path, help="folder of sets of real shots, instead of cases")
+    options = parser.parse_args()
+    print("| case | method | answer | right | closed | seconds |\n|---|---|---|---|---|---|")
+    marks: dict[str, list[bool]] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        scratch, seeds = Path(folder), range(options.seed, options.seed + options.seeds)
+        compared = (
+            compare_real_sets(options.real, options.only, options.seed, scratch) if options.real
+            else compare_cases(options.only, seeds, options.shots, scratch)
+        )  # fmt: skip
+        for name, answers in compared:
+            print_comparison(name, answers)
+            for one in answers:
+                if one.right is not None:
+                    marks.setdefault(one.method, []).append(one.right)
+    for method, right in marks.items():
+        print(f"{method}: right {sum(right)} of {len(right)}")
+
+
+if __name__ == "__main__":
+    main()
