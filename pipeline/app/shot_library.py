@@ -50,6 +50,8 @@ FILE_TYPES = {
     "application/json", "certificate.html": "text/html", "certificate.json": "application/json", "gap.html":
     "text/html", "gap.json": "application/json", "gap_predictions.csv": "text/csv",
 }  # fmt: skip
+# Folder of a run for the files that were written to be shared, and their names.
+SHARE_FOLDER, SHARED_NAME = "share", re.compile(r"[A-Za-z0-9][A-Za-z0-9_.=-]{0,120}\.(png|mp4)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,10 +167,11 @@ class ShotLibrary:
 
     def find_file(self, shot: str, name: str) -> Path:
         """Find a file of a card by one of the fixed names; raises Refusal."""
-        path = self.find_folder(shot) / name
-        if name not in FILE_TYPES or path.is_symlink() or not path.is_file():
-            raise Refusal(404, "There is no such file in this shot.")
-        return path
+        return _require_file(self.find_folder(shot) / name, name in FILE_TYPES)
+
+    def find_shared(self, shot: str, name: str) -> Path:
+        """Find a file that was written to be shared; raises Refusal."""
+        return _require_file(self.find_folder(shot) / SHARE_FOLDER / name, SHARED_NAME.fullmatch(name) is not None)
 
     def read_thumbnail(self, shot: str) -> bytes:
         """Read the small JPEG of a card; raises Refusal."""
@@ -335,6 +338,13 @@ class ShotLibrary:
         }
         with suppress(OSError):
             write_text(self.own / "index.json", json.dumps({"format": INDEX_FORMAT, "folders": folders}))
+
+
+def _require_file(path: Path, is_allowed: bool) -> Path:
+    """Return the path of a file that may be sent; raises Refusal."""
+    if not is_allowed or path.is_symlink() or not path.is_file():
+        raise Refusal(404, "There is no such file in this shot.")
+    return path
 
 
 def _identify(place: str) -> str:

@@ -16,6 +16,7 @@ from types import SimpleNamespace
 from urllib.parse import quote
 
 import pytest
+from starlette.applications import Starlette
 from support import app_requests
 from support.app_requests import MP4_HEADER, THUMBNAIL, Reply, Visitor, list_tree, write_run
 from support.carom_start import run_program
@@ -376,7 +377,7 @@ def test_the_standard_port_need_not_be_named(visitor: Visitor, monkeypatch: pyte
 def test_nothing_is_paired_without_the_option(visitor: Visitor, tmp_path: Path) -> None:
     from pipeline.app.app_server import build_app
 
-    visitor.app = build_app(visitor.library, visitor.queue, visitor.keys)
+    visitor.app = build_app(visitor.library, visitor.queue, visitor.keys, Starlette())
     assert visitor.ask("POST", "api/lan/code").status == 409
 
 
