@@ -24,6 +24,11 @@ HANG_S = 600.0
 NETWORK = "192.168.1.5"
 # Start of an MP4 file: a box `ftyp`, then one of free space.
 MP4_HEADER = b"\x00\x00\x00\x18ftypisom\x00\x00\x02\x00isomiso2" + b"\x00\x00\x01\x00free" + bytes(600)
+PATH_TRICKS = (
+    "../secret.txt", "..%2fsecret.txt", "....//secret.txt", "..\\secret.txt", "%2e%2e/secret.txt", "\0", "C:\\x",
+    "/etc/passwd", "//etc/passwd", "~", ".", "..", "break", "scene.json/..", "\u2025/secret.txt", "x" * 5000,
+)  # fmt: skip
+"""Names that a careless program would follow out of a folder."""
 THUMBNAIL = b"\xff\xd8\xff\xe0 a small image"
 
 
@@ -51,7 +56,7 @@ def build_local_answers(library: ShotLibrary, queue: JobQueue) -> Starlette:
 
     desk = ShotDesk(library)
     library.closers.append(desk.close)
-    library.deletion_listeners.append(desk.close_session)
+    library.closing_listeners.append(desk.close_session)
     return build_answers(library, queue, desk)
 
 
