@@ -17,7 +17,7 @@ import threading
 import time
 from collections.abc import Callable, MutableMapping
 from contextlib import suppress
-from itertools import count
+from itertools import count, islice
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -43,6 +43,8 @@ RENEWAL_BYTES = 1_000_000_000
 QUIET_S, IDLE_S, LOOK_S = 5.0, 1200.0, 2.0
 # s after a page has got the library, before the process starts in the background.
 START_S = 1.0
+# Newest shots of which the first that can be read is what code is loaded by.
+PREPARED_FROM = 3
 # Longest time for the process to end, s.
 EXIT_S = 5.0
 # What a request is described by; the rest of its scope belongs to the server.
@@ -65,7 +67,7 @@ class AnswerProcess:
         self.preparing = ""
         """What the process does before it can answer at once: starting, compiling, or nothing."""
         library.closers.append(self.close)
-        library.deletion_listeners.append(self._close_session)
+        library.closing_listeners.append(self._close_session)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on, and its answer back."""
@@ -158,8 +160,10 @@ class AnswerProcess:
         with self._lock:
             if self._child is None:
                 return
-            with suppress(OSError):  # it has just died, and holds nothing open
+            try:
                 self._child.send(("close", shot), lambda _: is_closed.set())
+            except OSError:  # it has just died, and holds nothing open
+                return
         is_closed.wait(EXIT_S)
 
 
@@ -178,12 +182,15 @@ class _Child:
         self._socket = ours
         self._connection = Connection(os.dup(ours.fileno()))
         self._listeners: dict[int, Listener] = {}
-        self._numbers = count()
+        self._numbers, self._is_over, self._lock = count(), False, threading.Lock()
 
     def send(self, question: tuple[Any, ...], listener: Listener) -> None:
         """Send a question, whose answer the listener is called with in parts; None means that the process has died."""
         number = next(self._numbers)
-        self._listeners[number] = listener
+        with self._lock:
+            if self._is_over:  # nobody would tell this listener
+                raise BrokenPipeError
+            self._listeners[number] = listener
         try:
             self._connection.send((number, *question))
         except OSError:
@@ -206,6 +213,8 @@ class _Child:
                 self._listeners[number](message)
                 if message is None or (message["type"] == "http.response.body" and not message.get("more_body")):
                     del self._listeners[number]
+        with self._lock:
+            self._is_over = True
         for listener in list(self._listeners.values()):
             listener(None)
 
@@ -215,6 +224,7 @@ class _Child:
             self._process.wait(EXIT_S)
         self._process.kill()
         self._process.wait()
+        self._connection.close()
         self._socket.close()
 
 
@@ -276,13 +286,13 @@ class Answering:
 
     def _prepare(self, desk: ShotDesk, library: ShotLibrary) -> None:
         """Load compiled code, or compile it, by what the page will ask about the newest shot."""
-        for card in library.list_cards():
-            if card.kind == "shot":
-                with suppress(Refusal, TruerollError):  # a folder that cannot be read is refused when it is asked for
-                    shot = desk.open(card.id)
-                    shot.prepare()
-                    shot.prepare_prediction()
-                    break
+        newest = islice((card.id for card in library.list_cards() if card.kind == "shot"), PREPARED_FROM)
+        for shot in newest:
+            with suppress(Refusal, TruerollError):  # a folder that cannot be read is refused when it is asked for
+                opened = desk.open(shot)
+                opened.prepare()
+                opened.prepare_prediction()
+                break
         self._send(None, {"type": "preparing", "preparing": ""})
 
     def _read(self, loop: asyncio.AbstractEventLoop) -> None:

@@ -186,6 +186,7 @@ def build_app(
         Route("/jobs/{id}/{action}", handlers.change_job, methods=["POST"]),
         Route("/lan/code", handlers.start_pairing, methods=["POST"]),
         Route("/shots/{id}", handlers.delete, methods=["DELETE"]),
+        Route("/shots/{id}/name", handlers.rename, methods=["PUT"]),
         Route("/trash/{undo}/restore", handlers.restore, methods=["POST"]),
         Route("/trash", handlers.send_trash),
         Route("/trash", handlers.empty_trash, methods=["DELETE"]),
@@ -345,6 +346,16 @@ class LibraryHandlers:
     def _delete(self, shot: str) -> str:
         self._queue.require_idle(shot)
         return self._library.delete(shot)
+
+    async def rename(self, request: Request) -> Response:
+        """Rename the folder of a shot; its id changes with it."""
+        document = await read_json_body(request)
+        shot, before = await run_in_threadpool(self._rename, request.path_params["id"], document.get("name"))
+        return JSONResponse({"shot": shot, "before": before})
+
+    def _rename(self, shot: str, name: object) -> tuple[str, str]:
+        self._queue.require_idle(shot)
+        return self._library.rename(shot, name if isinstance(name, str) else "")
 
     async def restore(self, request: Request) -> Response:
         """Restore a shot from the trash."""

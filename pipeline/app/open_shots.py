@@ -24,7 +24,14 @@ from models.core.rally import Rally
 from models.core.shot import Shot
 from models.estimation.contact_test.shot_record import ShotRecord
 from models.estimation.forecast.ensemble_prediction import ENSEMBLE_SIZE
-from pipeline.actions.play_otherwise import PlayedShot, StrokePlan, StruckShot, draw_struck_shot, play_struck_shot
+from pipeline.actions.play_otherwise import (
+    PLAYS,
+    PlayedShot,
+    StrokePlan,
+    StruckShot,
+    draw_struck_shot,
+    play_struck_shot,
+)
 from pipeline.actions.predict_shot import PredictedShot, forecast_from
 from pipeline.app.shot_library import ShotLibrary
 from pipeline.chain import hash_tables
@@ -47,13 +54,13 @@ from video.io.clip import Clip
 KEPT_SHOTS = 4
 # s without a request after which a session of corrections is closed, and between two looks for such ones.
 IDLE_S, LOOK_S = 600.0, 30.0
-# Plays of a stroke on a page: a chance is known to 5 %, and a slider moves on in a quarter of a second.
-DRAWS = 100
+# Plays of a stroke while a slider moves: paths come in a quarter of a second, and all plays when it rests.
+QUICK_PLAYS = 100
 SEED = 0
 # s that are predicted by default.
 PREDICTED_S = 3.0
-# Strokes whose plays are kept per shot.
-KEPT_STROKES = 2
+# Ensembles of strokes that are kept per shot: a few plays and all, of two strokes.
+KEPT_ENSEMBLES = 4
 # Contact models of one shot are searched at a time: that takes a core for up to a minute.
 _LAWS_TURN = threading.Lock()
 
@@ -72,7 +79,7 @@ class OpenShot:
         self._lock, self._play_lock, self._clip_lock = threading.RLock(), threading.Lock(), threading.Lock()
         self._is_warm = False
         self._record: ShotRecord | None = None
-        self._struck: OrderedDict[int, StruckShot] = OrderedDict()
+        self._struck: OrderedDict[tuple[int, int], StruckShot] = OrderedDict()
         self._laws: WholeShotFit | None = None
         self._laws_fit: threading.Thread | None = None
         self._clip: Clip | None = None
@@ -127,19 +134,20 @@ class OpenShot:
         from models.estimation.changed_shot import PlayerSpread, StrokeChange
 
         with suppress(TruerollError, ValueError):
-            self.play(0, StrokePlan(StrokeChange(speed_factor=1.01), PlayerSpread(), "none"))
+            self.play(0, StrokePlan(StrokeChange(speed_factor=1.01), PlayerSpread(), "none"), QUICK_PLAYS)
 
     def prepare_prediction(self) -> None:
         """Load the compiled code of a prediction, by one from the middle of the shot."""
         with suppress(TruerollError, ValueError):
             self.predict(float(np.median(self.record.moments)), PREDICTED_S)
 
-    def play(self, stroke: int, plan: StrokePlan) -> PlayedShot:
+    def play(self, stroke: int, plan: StrokePlan, plays: int = PLAYS) -> PlayedShot:
         """Play a stroke otherwise.
 
         Args:
             stroke: Its number in the clip, from 0.
             plan: What is changed.
+            plays: How often.
 
         Returns:
             The plays; by contact models of the whole shot as soon as these are known.
@@ -153,12 +161,14 @@ class OpenShot:
             if self._laws is None and (laws := find_laws(self.folder, shot, self._cache)) is not None:
                 self._laws = laws
                 self._struck.clear()
-            if stroke not in self._struck:
-                self._struck[stroke] = draw_struck_shot(shot, self._laws, stroke, None, DRAWS, SEED)
-                while len(self._struck) > KEPT_STROKES:
+            key = stroke, plays
+            if key not in self._struck:
+                self._struck[key] = draw_struck_shot(shot, self._laws, stroke, None, plays, SEED)
+                while len(self._struck) > KEPT_ENSEMBLES:
                     self._struck.popitem(last=False)
-            self._struck.move_to_end(stroke)
-            return play_struck_shot(self._struck[stroke], plan, SEED)
+            self._struck.move_to_end(key)
+            struck = self._struck[key]
+        return play_struck_shot(struck, plan, SEED)
 
     def predict(self, at: float | None, seconds: float) -> PredictedShot:
         """Predict the rest of a shot as `trueroll predict` does; the errors are those of `forecast_from`."""
@@ -254,6 +264,10 @@ class ShotDesk:
             while len(self._shots) > KEPT_SHOTS:
                 self._shots.popitem(last=False)
             return opened
+
+    def name_shot(self, opened: OpenShot) -> str:
+        """Return the name that the library shows of a shot."""
+        return self._library.name_folder(opened.folder)
 
     def find_session(self, shot: str) -> EditSession | None:
         """Find the session of corrections of a shot; None where nothing was corrected lately."""

@@ -78,7 +78,9 @@ async def _answer_http(request: Request, error: Exception) -> Response:
 
 
 async def _answer_error(request: Request, error: Exception) -> Response:
-    return Refusal(422, " ".join(str(error).split()).rstrip(".") + ".").to_response()
+    from pipeline.reporting.text.text_formatting import format_error  # slow to import, and only refusals need it
+
+    return Refusal(422, format_error(error, for_page=True).rstrip(".") + ".").to_response()
 
 
 async def _answer_fault(request: Request, error: Exception) -> Response:

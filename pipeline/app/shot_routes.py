@@ -30,13 +30,13 @@ from models.estimation.contact_test.shot_record import REST_SPEED
 from pipeline.actions.answer_call import answer_question, state_call, trace_mark, write_call_images
 from pipeline.actions.judge_rally import state_rally_call, write_landing_picture
 from pipeline.actions.placement_views import format_place_from_rails, state_wanted_places
-from pipeline.actions.play_otherwise import PlayedShot, StrokePlan
+from pipeline.actions.play_otherwise import PLAYS, PlayedShot, StrokePlan
 from pipeline.actions.predict_rally import state_flight_prediction
 from pipeline.actions.predict_shot import state_prediction
 from pipeline.actions.put_back import locate_wanted_places
 from pipeline.actions.share_call import write_share_clip
 from pipeline.actions.stroke_options import choose_spread, parse_change
-from pipeline.app.open_shots import PREDICTED_S, OpenShot, ShotDesk
+from pipeline.app.open_shots import PREDICTED_S, QUICK_PLAYS, OpenShot, ShotDesk
 from pipeline.app.refusals import Refusal, read_json_body
 from pipeline.app.shot_document import describe_rally, describe_shot, list_paths
 from pipeline.app.shot_library import SHARE_FOLDER
@@ -122,8 +122,9 @@ class ShotHandlers:
 
     def _describe(self, shot: str) -> dict[str, Any]:
         opened = self._desk.open(shot)
+        own = {"id": shot, "version": _name_version(opened), "name": self._desk.name_shot(opened)}
         if isinstance(opened.saved, Rally):
-            return {"id": shot, "version": _name_version(opened), **describe_rally(opened)}
+            return describe_rally(opened) | own
         session: EditSession | None = None
         why_not = ""
         try:
@@ -131,7 +132,7 @@ class ShotHandlers:
         except (TruerollError, OSError) as error:
             why_not = f"This shot cannot be corrected: {' '.join(str(error).split())}"
         opened.warm_up()
-        return {"id": shot, "version": _name_version(opened), **describe_shot(opened, session, why_not)}
+        return describe_shot(opened, session, why_not) | own
 
     async def send_frame(self, request: Request) -> Response:
         """Send a frame as JPEG."""
@@ -204,7 +205,7 @@ class ShotHandlers:
         }  # fmt: skip
 
     async def play_otherwise(self, request: Request) -> Response:
-        """Play a stroke otherwise as `trueroll what-if` does, with fewer plays."""
+        """Play a stroke otherwise as `trueroll what-if` does; with few plays where `is_quick`, as a slider moves."""
         body = await read_json_body(request)
         return _send(await self._compute(self._play, request.path_params["id"], body))
 
@@ -222,8 +223,9 @@ class ShotHandlers:
             _read_word(body, "ball"), _read_word(body, "pocket"),
         )  # fmt: skip
         is_coming = opened.fit_laws()
-        played = opened.play(int(stroke) - 1, plan)
-        return _describe_plays(opened, played, is_coming)
+        is_quick = body.get("is_quick") is True
+        played = opened.play(int(stroke) - 1, plan, QUICK_PLAYS if is_quick else PLAYS)
+        return _describe_plays(opened, played, is_coming, is_quick)
 
     async def put_back(self, request: Request) -> Response:
         """Send where the balls lay at a frame, or just before the strike, as `trueroll put-back` does."""
@@ -393,7 +395,7 @@ def _describe_answer(answer: Answer) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _describe_plays(opened: OpenShot, played: PlayedShot, is_coming: bool) -> dict[str, Any]:
+def _describe_plays(opened: OpenShot, played: PlayedShot, is_coming: bool, is_quick: bool) -> dict[str, Any]:
     """Describe a shot that was played otherwise; paths are those of the most typical plays."""
     ensemble, answer = played.struck.ensemble, played.answer
     t = ensemble.t + played.changed.t
@@ -404,9 +406,10 @@ def _describe_plays(opened: OpenShot, played: PlayedShot, is_coming: bool) -> di
     }
     coming = [MODELS_COMING] if is_coming and not ensemble.is_whole_shot else []
     return _describe_answer(answer) | {
-        "sentences": [*answer.sentences, *coming], "is_final": not coming, "model": answer.document["model"],
-        "t": ensemble.t, "cue": ensemble.ids[ensemble.cue], "draws": len(ensemble.members), "chance": chances,
-        "stroke": answer.document["stroke"], "paths": list_paths(ensemble.ids, t, paths),
+        "sentences": [*answer.sentences, *coming], "is_final": not (coming or is_quick),
+        "model": answer.document["model"], "t": ensemble.t, "cue": ensemble.ids[ensemble.cue],
+        "draws": len(ensemble.members), "chance": chances, "stroke": answer.document["stroke"],
+        "paths": list_paths(ensemble.ids, t, paths),
         "events": _describe_events(opened, answer.document["changed"]["events"], t, paths, ensemble.ids),
     }  # fmt: skip
 
