@@ -158,7 +158,7 @@ class AnswerProcess:
         """Close what is open of a shot before its folder is moved."""
         is_closed = threading.Event()
         with self._lock:
-            if self._child is None:
+            if self._child is None or not self._child.was_asked:  # it holds nothing open, and may still be starting
                 return
             try:
                 self._child.send(("close", shot), lambda _: is_closed.set())
@@ -183,6 +183,8 @@ class _Child:
         self._connection = Connection(os.dup(ours.fileno()))
         self._listeners: dict[int, Listener] = {}
         self._numbers, self._is_over, self._lock = count(), False, threading.Lock()
+        self.was_asked = False
+        """Whether anybody has asked it for an answer."""
 
     def send(self, question: tuple[Any, ...], listener: Listener) -> None:
         """Send a question, whose answer the listener is called with in parts; None means that the process has died."""
@@ -190,7 +192,7 @@ class _Child:
         with self._lock:
             if self._is_over:  # nobody would tell this listener
                 raise BrokenPipeError
-            self._listeners[number] = listener
+            self._listeners[number], self.was_asked = listener, True
         try:
             self._connection.send((number, *question))
         except OSError:
@@ -250,7 +252,7 @@ class Answering:
     def __init__(self, root: Path, connection: Connection) -> None:
         self._root, self._connection = root, connection
         self._send_lock = threading.Lock()
-        self._open, self._asked = 0, time.monotonic()
+        self._open, self._asked, self._is_prepared = 0, time.monotonic(), False
         self._input: asyncio.Queue[tuple[Any, ...] | None] = asyncio.Queue()
 
     def run(self) -> None:
@@ -293,6 +295,7 @@ class Answering:
                 opened.prepare()
                 opened.prepare_prediction()
                 break
+        self._is_prepared, self._asked = True, time.monotonic()
         self._send(None, {"type": "preparing", "preparing": ""})
 
     def _read(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -342,6 +345,7 @@ class Answering:
             await asyncio.sleep(LOOK_S)
             quiet = time.monotonic() - self._asked
             is_large = own.memory_info().rss > RENEWAL_BYTES
-            if not self._open and quiet > (QUIET_S if is_large else IDLE_S) and desk.can_be_closed:
+            is_at_rest = self._is_prepared and not self._open and quiet > (QUIET_S if is_large else IDLE_S)
+            if is_at_rest and desk.can_be_closed:
                 self._send(None, {"type": "retire", "is_large": is_large})
                 return

@@ -70,7 +70,7 @@ export const text = {
     rename: "Rename",
     renameTitle: (name) => `Rename ${name}`,
     newName: "New name",
-    renamed: (name) => `It is ${name} now.`,
+    renamed: (name) => `Renamed to ${name}.`,
     noMatch: "No shot fits.",
     clearFilter: "Show all",
     search: "Search",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import shutil
+import subprocess
 import time
 from multiprocessing import Pipe
 from pathlib import Path
@@ -14,10 +15,12 @@ from typing import Any
 import psutil
 import pytest
 from support.app_processes import LONGEST_S, RunningApp, run_app
+from support.app_requests import Visitor
 from support.carom_start import Home
 
 from pipeline.app import answer_process
-from pipeline.app.answer_process import Answering
+from pipeline.app.answer_process import Answering, AnswerProcess
+from pipeline.app.app_server import build_app
 
 SHOTS = 8
 SERVER_BYTES, GROWTH_BYTES = 130e6, 10e6
@@ -45,7 +48,7 @@ def test_a_process_retires_when_it_is_large_or_idle_and_nobody_loses_anything(
 
     async def watch() -> None:
         answering = Answering(Path(), child)
-        answering._asked = time.monotonic() - quiet_s
+        answering._asked, answering._is_prepared = time.monotonic() - quiet_s, True
         desk: Any = SimpleNamespace(can_be_closed=can_be_closed)
         await asyncio.wait_for(answering._watch(desk), 0.2)
 
@@ -56,6 +59,39 @@ def test_a_process_retires_when_it_is_large_or_idle_and_nobody_loses_anything(
         with pytest.raises(TimeoutError):
             asyncio.run(watch())
         assert not server.poll()
+
+
+@pytest.mark.slow
+def test_a_process_that_has_grown_is_replaced_and_every_question_is_answered(
+    home: Home, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[subprocess.Popen[bytes]] = []
+
+    def start(command: list[str], **settings: Any) -> subprocess.Popen[bytes]:
+        module, small = "pipeline.app.answer_process", "one.RENEWAL_BYTES, one.QUIET_S, one.LOOK_S = 0, 0.2, 0.1"
+        code = command[2].partition("from ")[0] + f"import {module} as one; {small}; one.main()"
+        started.append(Popen([*command[:2], code, *command[3:]], **settings))
+        return started[-1]
+
+    Popen = subprocess.Popen
+    monkeypatch.setattr(answer_process.subprocess, "Popen", start)
+    monkeypatch.setenv("TRUEROLL_CACHE", str(home.cache))
+    shutil.copytree(home.out, tmp_path / "library" / "shot")
+    visitor = Visitor(tmp_path / "library")
+    visitor.library.listeners.append(lambda _: None)  # a page is open
+    answers = AnswerProcess(visitor.library)
+    visitor.app = build_app(visitor.library, visitor.queue, visitor.keys, answers)
+    (card,) = visitor.library.list_cards()
+    end = time.monotonic() + LONGEST_S
+    while len(started) < 3 and time.monotonic() < end:
+        reply = visitor.ask("POST", f"api/shots/{card.id}/ask", {"question": "first"})
+        assert reply.status == 200, reply.body
+        time.sleep(0.5)
+    assert len(started) >= 3
+    assert started[0].wait(LONGEST_S) == 0, "it has ended by itself"
+    for close in visitor.library.closers:
+        close()
+    assert all(one.poll() is not None for one in started)
 
 
 def find_answers(app: RunningApp) -> psutil.Process:

@@ -26,18 +26,18 @@ export function PlayTab({ shot }) {
   const timer = useRef(0);
   useEffect(() => () => { clearTimeout(timer.current); running.current?.abort(); shot.desk.set({ played: null }); }, [shot]);
 
-  const request = async (path, body) => {
+  const request = async (path, body, isBetter = false) => {
     running.current?.abort();
     const control = new AbortController();
     running.current = control;
-    setIsBusy(true);
+    setIsBusy(!isBetter); // a first answer is shown already
     setError("");
     try {
       const played = await post(shot.address(path), body, control.signal);
       shot.desk.set({ played });
       if (played.is_final === false) {
         const { is_quick: isQuick, ...all } = body;
-        timer.current = setTimeout(() => request(path, all), isQuick ? ALL_MS : BETTER_MS);
+        timer.current = setTimeout(() => request(path, all, true), isQuick ? ALL_MS : BETTER_MS);
       }
     } catch (one) {
       if (one.name !== "AbortError") setError(one.message);

@@ -16,9 +16,9 @@ export function RenameDialog({ card, onClose }) {
   return html`<dialog ref=${dialog} class="files" aria-labelledby="rename-title" onClose=${onClose}>
     <form class="dialog-body" onSubmit=${submit}>
       <h2 id="rename-title">${text.library.renameTitle(card.name)}</h2>
-      <label for="new-name">${text.library.newName}</label>
-      <input id="new-name" value=${name} required maxlength="180" autocomplete="off" spellcheck=${false}
-        onInput=${(event) => setName(event.target.value)} />
+      <div class="row"><label for="new-name">${text.library.newName}</label>
+        <input id="new-name" value=${name} required maxlength="180" autocomplete="off" spellcheck=${false}
+          onInput=${(event) => setName(event.target.value)} /></div>
       ${error && html`<p role="alert">${error}</p>`}
       <div class="row"><button class="main" disabled=${!name.trim() || name.trim() === card.folder}>${text.library.rename}</button>
         <button type="button" onClick=${close}>${text.app.cancel}</button></div>
