@@ -81,9 +81,9 @@ def test_no_import_cycle_joins_modules_or_packages() -> None:
     ("command", "limit"),
     [
         ("cache_command", 1_000),
-        ("check_command", 9_500),  # finds tables and courts
+        ("check_command", 10_000),  # finds tables and courts
         ("simulate_command", 10_000),
-        ("predict_command", 21_700),  # of shots and of rallies
+        ("predict_command", 22_500),  # of shots and of rallies
     ],
 )
 def test_a_command_loads_what_it_needs(command: str, limit: int) -> None:

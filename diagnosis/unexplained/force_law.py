@@ -122,9 +122,9 @@ def measure_resolved_acceleration(problem: DiagnosisProblem, fitted: EffectFit) 
     """
     if isinstance(problem.scene, ContactRichScene):
         return measure_excess_acceleration(problem, fitted)
-    rows = _MIN_PIECE_ROWS
+    rows, longest = _MIN_PIECE_ROWS, max(len(segment.t) for segment in fitted.segments)
     longer = excess = measure_excess_acceleration(problem, fitted, rows)
-    while len(longer.sigma) >= _MIN_SAMPLES:
+    while len(longer.sigma) >= _MIN_SAMPLES and rows <= longest:
         excess = longer
         sigma, size = (float(np.sqrt(np.square(one).mean())) for one in (excess.sigma, excess.values))
         if size > _RESOLVED_RATIO * sigma:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from diagnosis.unexplained import force_law
 from diagnosis.unexplained.force_law import ExcessAcceleration, find_force_law
 
 PIECES, SHOTS = 120, 10
@@ -92,3 +94,17 @@ def test_a_wave_over_the_angle_is_drawn_right_from_pieces_that_are_half_a_wave_l
     assert law.variable == "q"
     at, drawn = law.curve
     assert np.sqrt(np.mean(np.square(drawn - np.sin(4 * at)))) < 0.1 * np.std(np.sin(4 * at))
+
+
+def test_pieces_grow_no_longer_than_the_windows_where_noise_hides_every_force(monkeypatch: pytest.MonkeyPatch) -> None:
+    lengths = []
+
+    def measure(problem: object, fitted: object, rows: int) -> ExcessAcceleration:
+        lengths.append(rows)
+        assert rows < 1000, "they would grow for ever"
+        return pieces(lambda place, velocity: np.zeros((PIECES, 2)))
+
+    monkeypatch.setattr(force_law, "measure_excess_acceleration", measure)
+    windows = SimpleNamespace(segments=[SimpleNamespace(t=np.arange(rows)) for rows in (40, 120)])
+    force_law.measure_resolved_acceleration(SimpleNamespace(scene=None), windows)  # type: ignore[arg-type]
+    assert max(lengths) > 40
