@@ -50,8 +50,6 @@ EXIT_S = 5.0
 # What a request is described by; the rest of its scope belongs to the server.
 SCOPE_KEYS = ("type", "asgi", "http_version", "method", "scheme", "path", "raw_path", "root_path", "query_string",
               "headers", "client", "server")  # fmt: skip
-# Of glibc: every thread of its own arena keeps what it has freed, which would be hundreds of MB.
-ALLOCATION = {"MALLOC_ARENA_MAX": "2"}
 
 Listener = Callable[[Message | None], None]
 
@@ -177,7 +175,7 @@ class _Child:
             start = f"import sys; sys.path.insert(0, {root!r}); from {__name__} import main; main()"
             self._process = subprocess.Popen(
                 [sys.executable, "-c", start, str(library), str(theirs.fileno())], stdin=subprocess.DEVNULL,
-                pass_fds=[theirs.fileno()], env=ALLOCATION | os.environ,
+                pass_fds=[theirs.fileno()],
             )  # fmt: skip
         self._socket = ours
         self._connection = Connection(os.dup(ours.fileno()))

@@ -222,8 +222,8 @@ class ShotHandlers:
             parse_change(**texts), *choose_spread(spread or None), game or None,  # type: ignore[arg-type]
             _read_word(body, "ball"), _read_word(body, "pocket"),
         )  # fmt: skip
-        is_coming = opened.fit_laws()
         is_quick = body.get("is_quick") is True
+        is_coming = not is_quick and opened.fit_laws()  # the search would slow down a slider that moves
         played = opened.play(int(stroke) - 1, plan, QUICK_PLAYS if is_quick else PLAYS)
         return _describe_plays(opened, played, is_coming, is_quick)
 
