@@ -50,9 +50,6 @@ class TruerollError(Exception):
         Args:
             name_option: Names an option.
             remedies: What else can be done there, by name; one that is missing cannot.
-
-        Returns:
-            The sentence.
         """
         sentence = f"{name_option(self.option)} {self.args[0]}" if self.option else str(self.args[0])
         remedy = remedies.get(self.remedy, "")
