@@ -137,21 +137,32 @@ def apply_corrections(options: RunOptions, corrections: Corrections) -> RunOptio
             corrections = replace(corrections, **unset)
         elif value is not None:
             try:
-                options = replace_setting(options, list_settings()[name], value)
-                _require_possible(name, value)
+                options = _apply_setting(options, name, value)
             except (ValueError, OptionError) as error:
                 raise OptionError(f"The corrections of the clip set {name} to {value}: {error}") from error
     return replace(options, corrections=corrections)
 
 
-def _require_possible(name: str, value: Any) -> None:
-    """Require a table or a ball that exists, as the calibration does, before it runs; raises OptionError."""
+def require_possible_settings(corrections: Corrections) -> None:
+    """Require that the settings of new corrections can be used; raises OptionError."""
+    for name, value in _list_corrected_values(corrections).items():
+        if value is not None:
+            try:
+                _apply_setting(RunOptions(), name, value)
+            except ValueError as error:
+                raise OptionError(f"cannot be {value}: {error}", option=name.replace("_", "-")) from error
+
+
+def _apply_setting(options: RunOptions, name: str, value: Any) -> RunOptions:
+    """Set a setting; a table or a ball must exist, as for the calibration. Raises OptionError or ValueError."""
     from models.physics.billiards.tables import parse_table  # slow to import
 
+    options = replace_setting(options, list_settings()[name], value)
     if name == "table":
         parse_table(value)
     elif name == "ball_radius":
         parse_table("pool-9ft", value)  # balls of any table have these bounds
+    return options
 
 
 def list_overridden_flags(options: RunOptions, corrections: Corrections) -> tuple[str, ...]:

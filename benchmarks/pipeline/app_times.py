@@ -113,7 +113,7 @@ def wait_until_warm(server: psutil.Process) -> psutil.Process:
     """Wait until the process that runs clips has loaded everything and does nothing more; return it."""
     deadline = threading.Event()
     for _ in range(int(WARM_UP_S)):
-        workers = server.children()
+        workers = [one for one in server.children() if "clip_runner" in " ".join(one.cmdline())]
         if workers:
             before = measure_cpu(workers[0])
             deadline.wait(3.0)

@@ -164,7 +164,7 @@ class Corrections:
         if len(corners) != 4 or not all(math.isfinite(value) for corner in corners for value in corner):
             raise ValueError("corners are four points")
         if self.ball_radius is not None and not 0 < self.ball_radius < math.inf:
-            raise ValueError(f"ball_radius is more than 0 m; got {self.ball_radius}")
+            raise ValueError(f"balls have a diameter of more than 0 mm; got {2e3 * self.ball_radius:g} mm")
 
     def select_span(self, first: int, stop: int) -> Corrections:
         """Return the corrections of frames `first` to `stop` - 1 of a recording."""

@@ -127,7 +127,7 @@ def _find_balls(
     """Find the tracks of all balls; those that a person placed need not look or move like one."""
     detections = marked.detections
     if not len(detections):
-        raise TrackError(NO_BALLS)
+        raise TrackError(NO_BALLS, remedy="balls")
     table_detections = project_detections(detections, frame, scene)
     pixels = TrackPixels(table_detections, detections, frame, t)
     is_marked = marked.mark[table_detections.row] >= 0
@@ -166,8 +166,8 @@ def _find_balls(
     balls = keep_placed_balls(balls, marked.mark, pixels)
     if not balls:
         raise TrackError(
-            f"Tracking needs balls that are detected in several frames; {len(detections)} detections contain none: "
-            "check the calibration of the table, or give --corners and --ball-radius."
+            f"Tracking needs balls that are detected in several frames; {len(detections)} detections contain none",
+            remedy="balls",
         )
     balls = complete_tracks(balls, clutter, table_detections, t, scene.table)
     balls = drop_unconfirmed_departures(balls, table_detections, t, scene.table)

@@ -70,9 +70,9 @@ def answer_question(record: ShotRecord, words: Sequence[str], edge: bool = False
     if kind not in QUESTIONS or not (rest or kind in ("score", "foul")):
         raise OptionError(f"{USAGE}; got {' '.join(words)!r}")
     if edge and kind != "line":
-        raise OptionError(f"--edge belongs to line; got {' '.join(words)!r}")
+        raise OptionError(f"belongs to line; got {' '.join(words)!r}", option="edge")
     if on and kind != "foul":
-        raise OptionError(f"--on belongs to foul; got {' '.join(words)!r}")
+        raise OptionError(f"belongs to foul; got {' '.join(words)!r}", option="on")
     naming = record.naming
     try:
         if kind == "contact":

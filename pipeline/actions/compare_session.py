@@ -15,7 +15,12 @@ from models.core.answer import Answer, Quantity
 from models.core.errors import OptionError, TrackError
 from models.core.fit_result import ShotNumber, ShotNumbers
 from models.core.naming import Naming
-from models.estimation.shot_numbers.session_statistics import collect_session_numbers, summarize_series
+from models.estimation.shot_numbers.session_statistics import (
+    SURE_RANGE,
+    collect_session_numbers,
+    compute_range_coverage,
+    summarize_series,
+)
 from pipeline.engine.atomic_write import replace_file, write_text
 from pipeline.io.csv_tables import Columns, write_columns
 from pipeline.io.run_folder import (
@@ -166,6 +171,7 @@ def compare_session(sources: Sequence[Path], grouping: Grouping, folder: Path) -
         f"{place} is a run of the same clip as {first}: its shots count twice, so that spreads are too small"
         for place, first in find_repeated_clips(one.folder for one in shots).items()
     )
+    notes = (*repetitions, *_note_few_shots(len(owners)))
     title = f"{len(owners)} shot{'s' * (len(owners) != 1)} of {name_folders(sources)}"
     groups = {
         name or "all": [asdict(one) | {"has_trend": one.has_trend} for one in rows] for name, rows in summaries.items()
@@ -177,17 +183,29 @@ def compare_session(sources: Sequence[Path], grouping: Grouping, folder: Path) -
         pq.write_table(pa.table({name: pa.array(values) for name, values in columns.items()}), path)
     write_text(folder / "session.json", format_strict_json(document))
     with replace_file(folder / "session.html") as path:
-        write_session_page(columns, summaries, (*repetitions, *refusals), title, path)
+        write_session_page(columns, summaries, (*notes, *refusals), title, path)
     shown = [one for one in summaries[""] if one.count and one.name in MAIN_NUMBERS]
     return Answer(
         "How do the shots of this session differ?",
         (f"{title}:",),
         quantities=tuple(Quantity(one.name, one.median, one.measurement, one.unit) for one in shown),
         rows=(SUMMARY_HEADINGS, *(list_summary_cells(one, columns["heading"]) for one in shown)),
-        notes=tuple(f"Note: {sentence}." for sentence in repetitions),
+        notes=tuple(f"Note: {sentence}." for sentence in notes),
         refusals=refusals,
         document={"folder": str(folder), **document},
         figures=(str(folder / "session.html"),),
+    )
+
+
+def _note_few_shots(count: int) -> tuple[str, ...]:
+    """Say how little few shots say about their level and spread; nothing for enough shots."""
+    coverage = compute_range_coverage(count)
+    if coverage >= SURE_RANGE:
+        return ()
+    enough = next(more for more in range(count, 100) if compute_range_coverage(more) >= SURE_RANGE)
+    return (
+        f"{count} shot{'s' * (count != 1)} say little about level and spread: the true middle lies within their range"
+        f" with a probability of {100 * coverage:.0f} %; compare at least {enough}",
     )
 
 

@@ -49,6 +49,8 @@ MIN_PROBABILITY = 0.5
 # s after the strike that every play lasts at least: most balls rest by then. A longer film is played to its end, so
 # that the plays can score whatever it shows.
 SECONDS = 6.0
+# Plays of a stroke by default: a chance is known to 2.5 %.
+PLAYS = 400
 # s between rows of what_if.csv.
 STEP_S = 0.02
 # Degrees of spread of the direction up to which the shots of a session are repetitions of one: no player who aims at
@@ -72,7 +74,7 @@ class StrokePlan:
 
     def __post_init__(self) -> None:
         if self.game not in (None, *GAMES):
-            raise OptionError(f"--game is one of {', '.join(GAMES)}; got {self.game}")
+            raise OptionError(f"is one of {', '.join(GAMES)}; got {self.game}", option="game")
 
 
 def estimate_session_spread(sources: Sequence[Path]) -> PlayerSpread:
@@ -232,7 +234,7 @@ def play_struck_shot(struck: StruckShot, plan: StrokePlan, seed: int) -> PlayedS
     return PlayedShot(struck, changed, Answer(question, sentences, quantities=quantities, document=document))
 
 
-@lru_cache(2)
+@lru_cache(4)
 def _play_as_struck(struck: StruckShot, spread: PlayerSpread, goal: ShotGoal, seed: int) -> ChangedShot:
     """Play a stroke as it was struck; kept, because a page asks for many changes of one stroke."""
     return play_changed_shot(struck.ensemble, StrokeChange(), spread, goal, struck.times, seed)
@@ -249,13 +251,14 @@ def find_goal(plan: StrokePlan, shot: Shot) -> ShotGoal:
     game = plan.game or ("pot" if scene.table.pockets else "carom")
     ball, pocket = naming.find_ball(plan.ball), naming.find_pocket(plan.pocket)
     if game == "pot" and not scene.table.pockets:
-        raise OptionError("--game pot needs a table with pockets; this one has none, so name carom or three-cushion")
+        raise OptionError("pot needs a table with pockets; this one has none, so name carom or three-cushion",
+                          option="game")  # fmt: skip
     if game != "pot" and len(tracks.ids) != 3:
-        raise OptionError(f"--game {game} needs three balls; this clip has {len(tracks.ids)}")
+        raise OptionError(f"{game} needs three balls; this clip has {len(tracks.ids)}", option="game")
     if plan.ball and ball is None:
-        raise OptionError(f"--ball is one of {naming.list_balls()}; got {plan.ball}")
+        raise OptionError(f"is one of {naming.list_balls()}; got {plan.ball}", option="ball")
     if plan.pocket and pocket is None:
-        raise OptionError(f"--pocket is one of {', '.join(naming.view.pockets)}; got {plan.pocket}")
+        raise OptionError(f"is one of {', '.join(naming.view.pockets)}; got {plan.pocket}", option="pocket")
     return ShotGoal(game, ball or "", pocket or "")
 
 

@@ -60,10 +60,12 @@ def state_flight_prediction(rally: Rally, seconds: float, at: float | None) -> t
     first, last = float(rally.t[own[0]]), float(rally.t[own[-1]])
     t = last if at is None else at
     if not first + LEAST_PAST_S <= t <= last:
-        raise OptionError(f"--at lies within what was seen, {first + LEAST_PAST_S:.3f} to {last:.3f} s; got {t:g}")
+        raise OptionError(
+            f"lies within what was seen, {first + LEAST_PAST_S:.3f} to {last:.3f} s; got {t:g}", option="at"
+        )
     past = rally if t == last else explain_past(rally, t)
     if not past.flights:
-        raise OptionError(f"no flight is known at {t:g} s; name a later time with --at")
+        raise OptionError(f"is a time at which a flight is known; {t:g} s is none, a later one may be", option="at")
     path = _continue_from(past, t, seconds)
     name, call = rally.scene.sport.object.name, judge_landing(past)
     words = format_landing(call, past)

@@ -80,7 +80,7 @@ def locate_wanted_places(record: ShotRecord, at: float | None) -> WantedPlaces:
     """
     first, last = float(record.shown[0]), float(record.shown[-1])
     if at is not None and not first <= at <= last:
-        raise OptionError(f"--at lies within the shot, {first:.3f} to {last:.3f} s; got {at:g}")
+        raise OptionError(f"lies within the shot, {first:.3f} to {last:.3f} s; got {at:g}", option="at")
     t = select_moment_before_strike(record) if at is None else at
     places = locate_balls(record, t)
     allowed = (record.shown <= t + 1e-9) | (at is not None)  # at the strike, the nearest frame may show it already

@@ -39,7 +39,7 @@ def choose_spread(spread: str | None, session: Sequence[str | PathLike[str]] | N
         return PlayerSpread(), "none"
     parts = re.fullmatch(r"(\d+(?:\.\d*)?)%,(\d+(?:\.\d*)?)(?:deg)?", spread.replace(" ", ""))
     if parts is None or float(parts[1]) > 50 or float(parts[2]) > 20:
-        raise OptionError(f"--spread is a share of the speed and degrees, such as 3%,0.4; got {spread}")
+        raise OptionError(f"is a share of the speed and degrees, such as 3%,0.4; got {spread}", option="spread")
     return PlayerSpread(float(parts[1]) / 100, float(parts[2])), "user"
 
 
@@ -64,26 +64,26 @@ def parse_change(speed: Amount = None, angle: Amount = None, side: Amount = None
     """
     values: dict[str, float] = {}
     if speed is not None:
-        number, unit = _parse_amount("--speed", speed, ("%", "m/s", ""))
+        number, unit = _parse_amount("speed", speed, ("%", "m/s", ""))
         if unit != "%" and str(speed).strip()[0] in "+-":
             raise OptionError(
-                f"--speed is a change with %, or a speed in m/s without sign; got {speed}: write {number:+g}% to change"
-                f" it by {abs(number):g} %, or {abs(number):g} to play at {abs(number):g} m/s"
-            )
+                f"is a change with %, or a speed in m/s without sign; got {speed}: write {number:+g}% to change"
+                f" it by {abs(number):g} %, or {abs(number):g} to play at {abs(number):g} m/s", option="speed",
+            )  # fmt: skip
         values |= {"speed_factor": 1 + number / 100} if unit == "%" else {"speed": number}
         if not 0 < values.get("speed_factor", 1.0) <= 3 or not 0 < values.get("speed", 1.0) <= MAX_SPEED:
-            raise OptionError(f"--speed is a change of -99% to +200%, or up to {MAX_SPEED:g} m/s; got {speed}")
+            raise OptionError(f"is a change of -99% to +200%, or up to {MAX_SPEED:g} m/s; got {speed}", option="speed")
     if angle is not None:
-        number, _ = _parse_amount("--angle", angle, ("deg", ""))
+        number, _ = _parse_amount("angle", angle, ("deg", ""))
         if abs(number) > 180:
-            raise OptionError(f"--angle is a turn of at most 180 degrees; got {angle}")
+            raise OptionError(f"is a turn of at most 180 degrees; got {angle}", option="angle")
         values["angle"] = number
     for name, text in (("side", side), ("top", top)):
         if text is not None:
-            number, unit = _parse_amount(f"--{name}", text, ("%", ""))
+            number, unit = _parse_amount(name, text, ("%", ""))
             share = number / 100 if unit == "%" else number
             if abs(share) > MAX_SPIN:
-                raise OptionError(f"--{name} is at most {MAX_SPIN:g}, or {MAX_SPIN:.0%}; got {text}")
+                raise OptionError(f"is at most {MAX_SPIN:g}, or {MAX_SPIN:.0%}; got {text}", option=name)
             values[f"{name}_added" if unit == "%" else name] = share
     return StrokeChange(**values)
 
@@ -92,6 +92,6 @@ def _parse_amount(option: str, text: str | float, units: tuple[str, ...]) -> tup
     """Return number and unit; the unit is empty where none was given."""
     parts = _AMOUNT.fullmatch(str(text).strip())
     if parts is None or (parts["unit"] or "") not in units:
-        raise OptionError(f"{option} is a number{' with ' if any(units) else ''}{' or '.join(filter(None, units))};"
-                          f" got {text}")  # fmt: skip
+        unit = f" with {' or '.join(filter(None, units))}" if any(units) else ""
+        raise OptionError(f"is a number{unit}; got {text}", option=option)
     return float(parts["number"]), parts["unit"] or ""

@@ -15,7 +15,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from pipeline.app.refusals import Refusal
+from pipeline.app.refusals import Refusal, refuse_status
 
 LOOPBACK, HTTP_PORT = "127.0.0.1", 80
 # s that a code of pairing and the session of a paired device last.
@@ -35,6 +35,8 @@ SECURITY_HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
+# Type of every refusal, and headers of a library's refusal that are kept: the size of a file without the asked part.
+JSON_TYPE, KEPT_HEADERS = "application/json", ("content-range", "allow")
 
 
 @dataclass(slots=True)
@@ -126,12 +128,26 @@ class AccessGuard:
         if scope["type"] != "http":
             return
 
-        async def send_secured(message: Message) -> None:
+        async def send_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
                 for name, value in SECURITY_HEADERS.items():
                     headers.setdefault(name, value)
             await send(message)
+
+        is_refused = False
+
+        async def send_secured(message: Message) -> None:
+            nonlocal is_refused
+            if message["type"] == "http.response.start" and message["status"] >= 400:
+                headers = Headers(raw=message["headers"])
+                is_refused = headers.get("content-type") != JSON_TYPE  # by a library, in words of its own or in none
+                if is_refused:
+                    response = refuse_status(message["status"]).to_response()
+                    response.headers.update({name: headers[name] for name in KEPT_HEADERS if name in headers})
+                    await response(scope, receive, send_headers)
+            if not is_refused:
+                await send_headers(message)
 
         try:
             response = self._admit(scope)

@@ -6,7 +6,6 @@ import asyncio
 import hashlib
 import json
 import socket
-import threading
 import webbrowser
 from collections.abc import AsyncGenerator, Callable
 from contextlib import suppress
@@ -22,13 +21,15 @@ from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
-from starlette.routing import BaseRoute, Mount, Route, Router
-from starlette.types import Receive, Scope, Send
+from starlette.routing import BaseRoute, Mount, Route
+from starlette.types import ASGIApp
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from models.core.errors import OptionError, TruerollError
+from models.core.errors import OptionError
 from pipeline.app.access_guard import CODE_S, LOOPBACK, AccessGuard, AccessKeys
+from pipeline.app.answer_process import AnswerProcess
 from pipeline.app.job_queue import JobQueue
-from pipeline.app.refusals import Refusal, read_json_body
+from pipeline.app.refusals import EXCEPTION_HANDLERS, Refusal, read_json_body, refuse_status
 from pipeline.app.shot_library import FILE_TYPES, RELOAD, ShotLibrary
 from pipeline.app.uploads import MAX_UPLOAD_BYTES, UploadDesk
 from pipeline.engine.atomic_write import require_writable_folder
@@ -44,21 +45,34 @@ RESULT_POLICY = (
 )
 # s between two looks for changes that other programs make, while a page is open.
 WATCH_S = 1.0
-# s after a page has got the library, before what answers questions is loaded in the background.
-WARM_UP_S = 1.0
 # Messages that wait for one page; a page that falls behind is told to ask again.
 MAX_WAITING = 200
+
+
+class SentenceProtocol(H11Protocol):
+    """HTTP whose refusals have the form of all others, also of what is no HTTP."""
+
+    def send_400_response(self, msg: str) -> None:
+        """Refuse what cannot be read as a request, and end the connection."""
+        response = refuse_status(400).to_response()
+        head = [b"HTTP/1.1 400 Bad Request", b"connection: close", *(b": ".join(one) for one in response.raw_headers)]
+        self.transport.write(b"\r\n".join([*head, b"", bytes(response.body)]))
+        self.transport.close()
 
 
 class AppServer:
     """The server of one library."""
 
-    def __init__(self, library: ShotLibrary, port: int = 0, *, lan: bool = False) -> None:
+    def __init__(
+        self, library: ShotLibrary, port: int = 0, *, lan: bool = False,
+        build_answers: Callable[[ShotLibrary, JobQueue], ASGIApp] = lambda library, _: AnswerProcess(library),
+    ) -> None:  # fmt: skip
         """Open the port, but serve nothing yet.
 
         Args:
             port: Port of the page; 0 for a free one.
             lan: Whether devices in the same network may be paired.
+            build_answers: Builds what answers requests about shots.
 
         Raises:
             OptionError: The port is taken, or this machine is in no network.
@@ -75,10 +89,11 @@ class AppServer:
                 raise OptionError(f"--port is a free port of this machine; {port}: {error.strerror}") from error
             port = self._sockets[0].getsockname()[1]
         network = f"http://{hosts[1]}:{port}" if lan else ""
-        app = build_app(library, self.queue, self.keys, network, lambda: self._server.should_exit)
+        answers = build_answers(library, self.queue)
+        app = build_app(library, self.queue, self.keys, answers, network, lambda: self._server.should_exit)
         config = uvicorn.Config(app, log_level="error", lifespan="off", access_log=False, server_header=False,
                                 proxy_headers=False,
-            ws="none", timeout_graceful_shutdown=2)  # fmt: skip
+            ws="none", http=SentenceProtocol, timeout_graceful_shutdown=2)  # fmt: skip
         self._server = uvicorn.Server(config)
 
     @property
@@ -141,6 +156,7 @@ def build_app(
     library: ShotLibrary,
     queue: JobQueue,
     keys: AccessKeys,
+    answers: ASGIApp,
     network: str = "",
     is_stopping: Callable[[], bool] = lambda: False,
 ) -> Starlette:
@@ -148,6 +164,7 @@ def build_app(
 
     Args:
         keys: Who may ask; the first part of every path is one of its tokens.
+        answers: What answers requests about one shot, and those for a command on several; it takes seconds to import.
         network: Address in the network, such as `http://192.168.1.5:8000`; empty where devices cannot be paired.
         is_stopping: Whether the server ends, so that streams of events end too.
 
@@ -155,70 +172,32 @@ def build_app(
         The application.
     """
     handlers = LibraryHandlers(library, queue, keys, network, is_stopping)
-    late = LateRoutes(library, queue)
-    handlers.warm_up = late.warm_up
+    if isinstance(answers, AnswerProcess):
+        handlers.answers = answers
     api: list[BaseRoute] = [
         Route("/library", handlers.send_library),
         Route("/events", handlers.send_events),
         Route("/shots/{id}/thumbnail", handlers.send_thumbnail),
         Route("/shots/{id}/file/{name}", handlers.send_file),
+        Route("/shots/{id}/shared/{name}", handlers.send_shared),
         Route("/clips", handlers.take_clip, methods=["POST"]),
         Route("/paths", handlers.take_path, methods=["POST"]),
         Route("/jobs/{id}/preview", handlers.send_preview),
         Route("/jobs/{id}/{action}", handlers.change_job, methods=["POST"]),
         Route("/lan/code", handlers.start_pairing, methods=["POST"]),
         Route("/shots/{id}", handlers.delete, methods=["DELETE"]),
+        Route("/shots/{id}/name", handlers.rename, methods=["PUT"]),
         Route("/trash/{undo}/restore", handlers.restore, methods=["POST"]),
         Route("/trash", handlers.send_trash),
         Route("/trash", handlers.empty_trash, methods=["DELETE"]),
-        *(Route(f"/{name}", late) for name in ("shots/{id}", "shots/{id}/{rest:path}", "sessions")),
+        *(Route(f"/{name}", answers) for name in ("shots/{id}", "shots/{id}/{rest:path}", "sessions")),
     ]
     page = [Route(f"/{name}", _serve(file)) for name, file in find_page_files().items()]
     return Starlette(
         routes=[Mount("/{token}", routes=[Mount("/api", routes=api), *page])],
         middleware=[Middleware(AccessGuard, keys=keys)],
-        exception_handlers={
-            Refusal: _answer_refusal,
-            HTTPException: _answer_http,
-            TruerollError: _answer_error,
-            Exception: _answer_fault,
-        },
+        exception_handlers=EXCEPTION_HANDLERS,
     )
-
-
-class LateRoutes:
-    """The routes of answers about shots and sessions; their modules take seconds to import, after the page is up."""
-
-    def __init__(self, library: ShotLibrary, queue: JobQueue) -> None:
-        self._library, self._queue = library, queue
-        self._lock = threading.Lock()
-        self._router: Router | None = None
-        self._is_warm = False
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on."""
-        router = await run_in_threadpool(self._load) if self._router is None else self._router
-        await router(scope, receive, send)
-
-    def warm_up(self) -> None:
-        """Import the modules in the background, a moment later, when the page is drawn."""
-        if not self._is_warm:
-            self._is_warm = True
-            timer = threading.Timer(WARM_UP_S, self._load)
-            timer.daemon = True
-            timer.start()
-
-    def _load(self) -> Router:
-        """Import the modules once."""
-        with self._lock:
-            if self._router is None:
-                from pipeline.app import session_routes, shot_routes
-
-                library = self._library
-                self._router = Router(
-                    [*shot_routes.build_routes(library), *session_routes.build_routes(library, self._queue)]
-                )
-            return self._router
 
 
 def find_page_files() -> dict[str, Traversable]:
@@ -244,25 +223,6 @@ def _serve(file: Traversable) -> Any:
     return send
 
 
-async def _answer_refusal(request: Request, error: Exception) -> Response:
-    assert isinstance(error, Refusal)
-    return error.to_response()
-
-
-async def _answer_http(request: Request, error: Exception) -> Response:
-    assert isinstance(error, HTTPException)
-    words = {404: "There is nothing at this address.", 405: "This address takes no such request."}
-    return Refusal(error.status_code, words.get(error.status_code, "This request cannot be understood.")).to_response()
-
-
-async def _answer_error(request: Request, error: Exception) -> Response:
-    return Refusal(422, " ".join(str(error).split()).rstrip(".") + ".").to_response()
-
-
-async def _answer_fault(request: Request, error: Exception) -> Response:
-    return Refusal(500, f"This failed by a fault of the program ({type(error).__name__}).").to_response()
-
-
 def _require_local(request: Request) -> None:
     """Require that a request comes from this machine; raises Refusal."""
     if not request.state.is_local:
@@ -277,8 +237,8 @@ class LibraryHandlers:
     ) -> None:
         self._library, self._queue, self._keys, self._network = library, queue, keys, network
         self._uploads, self._is_stopping = UploadDesk(library, queue), is_stopping
-        self.warm_up: Callable[[], object] = lambda: None
-        """Called when there are shots that a person may ask about next."""
+        self.answers: AnswerProcess | None = None
+        """What answers requests about shots, where that is a process of its own."""
 
     async def send_library(self, request: Request) -> Response:
         """Send all cards, the queue and the use of the disk."""
@@ -286,8 +246,8 @@ class LibraryHandlers:
 
     def _describe(self, is_local: bool) -> bytes:
         cards, jobs = self._library.list_cards(), self._queue.describe()
-        if cards:
-            self.warm_up()
+        if cards and self.answers is not None:
+            self.answers.start_soon()
         busy = self._queue.list_running()
         document = {
             "revision": self._library.revision,
@@ -297,6 +257,7 @@ class LibraryHandlers:
             "local": is_local,
             "lan": bool(self._network),
             "limits": {"upload_bytes": MAX_UPLOAD_BYTES},
+            "preparing": "" if self.answers is None else self.answers.preparing,
         }
         return json.dumps(document).encode()
 
@@ -317,6 +278,13 @@ class LibraryHandlers:
         if FILE_TYPES[name] == "text/html":
             headers["Content-Security-Policy"] = RESULT_POLICY
         return FileResponse(path, media_type=FILE_TYPES[name], headers=headers)
+
+    async def send_shared(self, request: Request) -> Response:
+        """Send a file that was written to be shared."""
+        path = await run_in_threadpool(
+            self._library.find_shared, request.path_params["id"], request.path_params["name"]
+        )
+        return FileResponse(path, headers={"Cache-Control": "private, no-cache"})
 
     async def take_clip(self, request: Request) -> Response:
         """Take an uploaded clip."""
@@ -378,6 +346,16 @@ class LibraryHandlers:
     def _delete(self, shot: str) -> str:
         self._queue.require_idle(shot)
         return self._library.delete(shot)
+
+    async def rename(self, request: Request) -> Response:
+        """Rename the folder of a shot; its id changes with it."""
+        document = await read_json_body(request)
+        shot, before = await run_in_threadpool(self._rename, request.path_params["id"], document.get("name"))
+        return JSONResponse({"shot": shot, "before": before})
+
+    def _rename(self, shot: str, name: object) -> tuple[str, str]:
+        self._queue.require_idle(shot)
+        return self._library.rename(shot, name if isinstance(name, str) else "")
 
     async def restore(self, request: Request) -> Response:
         """Restore a shot from the trash."""

@@ -208,13 +208,23 @@ class JobQueue:
             old = self._find(job)
             if old.state in OPEN_STATES:
                 raise Refusal(409, "This is not finished; cancel it first.")
-            self._library.refresh()
-            is_needed = self._has_card(old) or any(
-                one.clip == old.clip and one.id != old.id for one in self._jobs.values()
-            )
-            if old.state != "done" and Path(old.clip).parent == self._library.clips and not is_needed:
-                Path(old.clip).unlink(missing_ok=True)
-            self._remove(old)
+            self._forget(old)
+
+    def _forget(self, job: Job) -> None:
+        """Remove a job that has ended, with the uploaded clip if nothing came of it. The caller excludes others."""
+        self._library.refresh()
+        is_needed = self._has_card(job) or any(one.clip == job.clip and one.id != job.id for one in self._jobs.values())
+        if job.state != "done" and Path(job.clip).parent == self._library.clips and not is_needed:
+            Path(job.clip).unlink(missing_ok=True)
+        self._remove(job)
+
+    def _forget_past(self) -> None:
+        """Remove the jobs that the page shows no more: nobody can retry them, so their clips would stay for ever."""
+        if any(map(_is_past, self._jobs.values())):
+            with self._exclude_others():
+                for job in list(self._jobs.values()):
+                    if _is_past(job):
+                        self._forget(job)
 
     def _end(self, job: str, states: Sequence[str], refusal: str, **changes: Any) -> dict[str, Any]:
         """Change a job that is in one of some states; raises Refusal."""
@@ -335,6 +345,8 @@ class JobQueue:
                     self._insist(self._take_up)
                     self._start_thread(self._work)
                     self._start_thread(self._check_clips)
+            else:
+                self._insist(self._forget_past)
             with self._change:
                 self._change.wait(POLL_S)
 
@@ -343,7 +355,7 @@ class JobQueue:
         with self._exclude_others():
             for job in list(self._jobs.values()):
                 is_open, is_upload = job.state in OPEN_STATES, Path(job.clip).parent == self._library.clips
-                if _is_past(job) or (is_open and is_upload and not Path(job.clip).exists()):
+                if is_open and is_upload and not Path(job.clip).exists():
                     self._remove(job)
                 elif is_open:
                     check = job.check if job.check != UNKNOWN_CHECK else None
@@ -410,7 +422,7 @@ class JobQueue:
         assert self._process is not None
         row = self._process.run(
             ClipJob(job.clip, job.name, str(folder), str(cache.root.absolute()), cache.mark, RUN_SETTINGS,
-                    preview=str(image)), listen,
+                    preview=str(image), for_page=True), listen,
         )  # fmt: skip
         return row.sentence or "It failed." if row.status == "failed" else ""
 

@@ -15,13 +15,24 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from models.core.corrections import Corrections
 from models.core.errors import TruerollError
 from models.core.fit_result import Fit, WholeShotFit
 from models.core.rally import Rally
 from models.core.shot import Shot
 from models.estimation.contact_test.shot_record import ShotRecord
-from pipeline.actions.play_otherwise import PlayedShot, StrokePlan, StruckShot, draw_struck_shot, play_struck_shot
+from models.estimation.forecast.ensemble_prediction import ENSEMBLE_SIZE
+from pipeline.actions.play_otherwise import (
+    PLAYS,
+    PlayedShot,
+    StrokePlan,
+    StruckShot,
+    draw_struck_shot,
+    play_struck_shot,
+)
+from pipeline.actions.predict_shot import PredictedShot, forecast_from
 from pipeline.app.shot_library import ShotLibrary
 from pipeline.chain import hash_tables
 from pipeline.editing.edit_session import EditSession
@@ -43,11 +54,13 @@ from video.io.clip import Clip
 KEPT_SHOTS = 4
 # s without a request after which a session of corrections is closed, and between two looks for such ones.
 IDLE_S, LOOK_S = 600.0, 30.0
-# Plays of a stroke on a page: a chance is known to 5 %, and a slider moves on in a quarter of a second.
-DRAWS = 100
+# Plays of a stroke while a slider moves: paths come in a quarter of a second, and all plays when it rests.
+QUICK_PLAYS = 100
 SEED = 0
-# Strokes whose plays are kept per shot.
-KEPT_STROKES = 2
+# s that are predicted by default.
+PREDICTED_S = 3.0
+# Ensembles of strokes that are kept per shot: a few plays and all, of two strokes.
+KEPT_ENSEMBLES = 4
 # Contact models of one shot are searched at a time: that takes a core for up to a minute.
 _LAWS_TURN = threading.Lock()
 
@@ -62,10 +75,11 @@ class OpenShot:
         self.motion: dict[str, Any] | None = None
         """What the page shows of the saved motion, once it was described."""
         self._cache = cache
-        self._lock, self._clip_lock = threading.RLock(), threading.Lock()
+        # playing takes seconds, and compiling it a minute; what else is asked does not wait for that
+        self._lock, self._play_lock, self._clip_lock = threading.RLock(), threading.Lock(), threading.Lock()
         self._is_warm = False
         self._record: ShotRecord | None = None
-        self._struck: OrderedDict[int, StruckShot] = OrderedDict()
+        self._struck: OrderedDict[tuple[int, int], StruckShot] = OrderedDict()
         self._laws: WholeShotFit | None = None
         self._laws_fit: threading.Thread | None = None
         self._clip: Clip | None = None
@@ -113,21 +127,27 @@ class OpenShot:
         with self._lock:
             is_first, self._is_warm = not self._is_warm, True
         if is_first and isinstance(self.saved, Shot):
-            threading.Thread(target=self._prepare, daemon=True).start()
+            threading.Thread(target=self.prepare, daemon=True).start()
 
-    def _prepare(self) -> None:
-        """Load compiled code, and play the first stroke once; what fails is refused when it is asked for."""
+    def prepare(self) -> None:
+        """Load the compiled code of a stroke that is played otherwise; what fails is refused when it is asked for."""
         from models.estimation.changed_shot import PlayerSpread, StrokeChange
 
         with suppress(TruerollError, ValueError):
-            self.play(0, StrokePlan(StrokeChange(speed_factor=1.01), PlayerSpread(), "none"))
+            self.play(0, StrokePlan(StrokeChange(speed_factor=1.01), PlayerSpread(), "none"), QUICK_PLAYS)
 
-    def play(self, stroke: int, plan: StrokePlan) -> PlayedShot:
+    def prepare_prediction(self) -> None:
+        """Load the compiled code of a prediction, by one from the middle of the shot."""
+        with suppress(TruerollError, ValueError):
+            self.predict(float(np.median(self.record.moments)), PREDICTED_S)
+
+    def play(self, stroke: int, plan: StrokePlan, plays: int = PLAYS) -> PlayedShot:
         """Play a stroke otherwise.
 
         Args:
             stroke: Its number in the clip, from 0.
             plan: What is changed.
+            plays: How often.
 
         Returns:
             The plays; by contact models of the whole shot as soon as these are known.
@@ -137,16 +157,22 @@ class OpenShot:
             TrackError: It has no such stroke.
         """
         shot = self.shot
-        with self._lock:
+        with self._play_lock:
             if self._laws is None and (laws := find_laws(self.folder, shot, self._cache)) is not None:
                 self._laws = laws
                 self._struck.clear()
-            if stroke not in self._struck:
-                self._struck[stroke] = draw_struck_shot(shot, self._laws, stroke, None, DRAWS, SEED)
-                while len(self._struck) > KEPT_STROKES:
+            key = stroke, plays
+            if key not in self._struck:
+                self._struck[key] = draw_struck_shot(shot, self._laws, stroke, None, plays, SEED)
+                while len(self._struck) > KEPT_ENSEMBLES:
                     self._struck.popitem(last=False)
-            self._struck.move_to_end(stroke)
-            return play_struck_shot(self._struck[stroke], plan, SEED)
+            self._struck.move_to_end(key)
+            struck = self._struck[key]
+        return play_struck_shot(struck, plan, SEED)
+
+    def predict(self, at: float | None, seconds: float) -> PredictedShot:
+        """Predict the rest of a shot as `trueroll predict` does; the errors are those of `forecast_from`."""
+        return forecast_from(self.folder, seconds, at, None, None, SEED, ENSEMBLE_SIZE, self._cache)
 
     def fit_laws(self) -> bool:
         """Begin to find contact models of the whole shot unless they are known.
@@ -158,7 +184,12 @@ class OpenShot:
             if self._laws is None and self._laws_fit is None:
                 self._laws_fit = threading.Thread(target=self._fit_laws, daemon=True)
                 self._laws_fit.start()
-            return self._laws is None and self._laws_fit is not None and self._laws_fit.is_alive()
+            return self._laws is None and self.is_fitting_laws
+
+    @property
+    def is_fitting_laws(self) -> bool:
+        """Whether contact models of the whole shot are being searched."""
+        return self._laws_fit is not None and self._laws_fit.is_alive()
 
     def _fit_laws(self) -> None:
         """Find contact models of the whole shot; without them, side spin stays unknown."""
@@ -209,11 +240,6 @@ class ShotDesk:
         self._is_closed = threading.Event()
         threading.Thread(target=self._look_for_idle, daemon=True).start()
 
-    @property
-    def cache(self) -> ResultCache:
-        """The cache of the runs."""
-        return self._cache
-
     def open(self, shot: str) -> OpenShot:
         """Open a shot of the library as it is on disk now.
 
@@ -238,6 +264,10 @@ class ShotDesk:
             while len(self._shots) > KEPT_SHOTS:
                 self._shots.popitem(last=False)
             return opened
+
+    def name_shot(self, opened: OpenShot) -> str:
+        """Return the name that the library shows of a shot."""
+        return self._library.name_folder(opened.folder)
 
     def find_session(self, shot: str) -> EditSession | None:
         """Find the session of corrections of a shot; None where nothing was corrected lately."""
@@ -300,6 +330,15 @@ class ShotDesk:
             ]  # fmt: skip
         for shot in idle:
             self.close_session(shot)
+
+    @property
+    def can_be_closed(self) -> bool:
+        """Whether nobody would miss what is open: nothing is computed, and no correction could be taken back."""
+        with self._lock:
+            states = [entry.session.status for entry in self._sessions.values()]
+            is_computing = any(shot.is_fitting_laws for shot in self._shots.values())
+        is_at_work = any(one.stage or (one.result != one.revision and not one.error) for one in states)
+        return not (is_computing or is_at_work or any(one.can_undo or one.can_redo for one in states))
 
     def _look_for_idle(self) -> None:
         while not self._is_closed.wait(LOOK_S):

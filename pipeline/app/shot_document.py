@@ -48,7 +48,7 @@ def describe_shot(opened: OpenShot, session: EditSession | None, why_no_session:
         JSON values; NaN may be among them.
     """
     state: dict[str, Any] = {
-        "name": opened.folder.name, "revision": 0, "result": 0, "corrections": {}, "set_by_hand": [],
+        "revision": 0, "result": 0, "corrections": {}, "set_by_hand": [],
         "notice": why_no_session, "run": None,
     }  # fmt: skip
     if session is not None:
@@ -155,7 +155,7 @@ def describe_rally(opened: OpenShot) -> dict[str, Any]:
     flights = sample_flights(rally, 1 / PLAN_HZ)
     camera = rally.scene.camera
     return {
-        "kind": "rally", "name": opened.folder.name, "run": None, "revision": 0, "result": 0, "notice": "",
+        "kind": "rally", "run": None, "revision": 0, "result": 0, "notice": "",
         "summary": [point.headline, point.reason, f"How sure: {point.confidence}"],
         "numbers": _describe_stroke_numbers(rally, strokes),
         "trust": {"level": trust.level, "reasons": list(trust.reasons)},

@@ -30,8 +30,11 @@ APP_FOLDER, CLIP_FOLDER = ".trueroll-app", "clips"
 # What commands on several shots write, by command; each has a folder of its own, numbered within a day.
 SESSION_FOLDER, SESSION_NAMES = "sessions", {"compare": "Comparison", "certify": "Certificate", "diagnose": "Diagnosis"}
 SESSION_PLACE = re.compile(rf"{SESSION_FOLDER}/({'|'.join(SESSION_NAMES)})-(\d{{4}}-\d\d-\d\d)-(\d+)")
+# Of a name of a folder or a clip: a file system takes 255, and files beside a clip have longer names. Letters that it
+# must not have.
+MAX_NAME_BYTES, NO_LETTERS = 180, '<>:"|?*/\\'
 # Of the index; cards of another version are read again.
-INDEX_FORMAT = 2
+INDEX_FORMAT = 3
 # Deepest folder that is searched, as a batch mirrors the tree of its clips; most folders, so that a home folder that is
 # taken as a library is no endless search.
 MAX_DEPTH, MAX_FOLDERS = 8, 20_000
@@ -50,6 +53,8 @@ FILE_TYPES = {
     "application/json", "certificate.html": "text/html", "certificate.json": "application/json", "gap.html":
     "text/html", "gap.json": "application/json", "gap_predictions.csv": "text/csv",
 }  # fmt: skip
+# Folder of a run for the files that were written to be shared, and their names.
+SHARE_FOLDER, SHARED_NAME = "share", re.compile(r"[A-Za-z0-9][A-Za-z0-9_.=-]{0,120}\.(png|mp4)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +63,8 @@ class Card:
 
     id: str
     name: str
+    folder: str
+    """Last part of its path, which can be changed."""
     kind: str
     """shot, rally, recording, session or diagnosis."""
     date: str
@@ -115,8 +122,8 @@ class ShotLibrary:
         """Folder of uploaded clips."""
         self.closers: list[Callable[[], None]] = []
         """Called when the server stops."""
-        self.deletion_listeners: list[Callable[[str], None]] = []
-        """Called with the id of a card before its folder is moved to the trash."""
+        self.closing_listeners: list[Callable[[str], None]] = []
+        """Called with the id of a card before its folder is moved: renamed, or to the trash."""
         self.listeners: list[Callable[[dict[str, Any]], None]] = []
         """Called with every message to the pages."""
         self._lock = threading.RLock()
@@ -163,12 +170,17 @@ class ShotLibrary:
         """Return the id of a folder within the library."""
         return _identify(folder.absolute().relative_to(self.root).as_posix())
 
+    def name_folder(self, folder: Path) -> str:
+        """Return the name of the card of a folder within the library."""
+        return _name_card(folder.relative_to(self.root).as_posix())
+
     def find_file(self, shot: str, name: str) -> Path:
         """Find a file of a card by one of the fixed names; raises Refusal."""
-        path = self.find_folder(shot) / name
-        if name not in FILE_TYPES or path.is_symlink() or not path.is_file():
-            raise Refusal(404, "There is no such file in this shot.")
-        return path
+        return _require_file(self.find_folder(shot) / name, name in FILE_TYPES)
+
+    def find_shared(self, shot: str, name: str) -> Path:
+        """Find a file that was written to be shared; raises Refusal."""
+        return _require_file(self.find_folder(shot) / SHARE_FOLDER / name, SHARED_NAME.fullmatch(name) is not None)
 
     def read_thumbnail(self, shot: str) -> bytes:
         """Read the small JPEG of a card; raises Refusal."""
@@ -244,6 +256,33 @@ class ShotLibrary:
         free = shutil.disk_usage(place).free
         return {"used_bytes": results + clips + trash, "trash_bytes": trash, "free_bytes": free}
 
+    def rename(self, shot: str, name: str) -> tuple[str, str]:
+        """Rename the folder of a card.
+
+        Args:
+            shot: Id of the card.
+            name: New name of the folder, within the folder that it is in.
+
+        Returns:
+            The new id of the card, and the old name of the folder.
+
+        Raises:
+            Refusal: There is no such card, or the name cannot be used.
+        """
+        folder = self.find_folder(shot)
+        place = folder.with_name(clean_name(name) or folder.name)
+        if place.name != name or (place.parent == self.root and name in (CLIP_FOLDER, SESSION_FOLDER)):
+            raise Refusal(
+                422, f"A name has 1 to {MAX_NAME_BYTES} letters, no dot at its start, and none of {NO_LETTERS} ."
+            )
+        if place.exists():
+            raise Refusal(409, f"There is something with the name {name} already; choose another name.")
+        for close in self.closing_listeners:
+            close(shot)
+        folder.rename(place)
+        self.announce_changes()
+        return self.identify(place), folder.name
+
     # The trash: a folder per deletion, with the run folder, the uploaded clip, and where both belong.
 
     def delete(self, shot: str) -> str:
@@ -264,7 +303,7 @@ class ShotLibrary:
         entry: dict[str, Any] = {"folder": place, "bytes": _measure_tree(folder)}
         if clip.parent == self.clips and clip.is_file() and "first" not in _read_object(folder / SOURCE_FILE):
             entry |= {"clip": clip.name, "bytes": entry["bytes"] + clip.stat().st_size}
-        for close in self.deletion_listeners:
+        for close in self.closing_listeners:
             close(shot)
         home = self.own / "trash" / token
         write_text(home / "entry.json", json.dumps(entry))  # first, so that a killed server can put everything back
@@ -337,6 +376,19 @@ class ShotLibrary:
             write_text(self.own / "index.json", json.dumps({"format": INDEX_FORMAT, "folders": folders}))
 
 
+def clean_name(name: str) -> str:
+    """Return a name without what a file system or a terminal could misread."""
+    clean = "".join(letter for letter in name if letter.isprintable() and letter not in NO_LETTERS).lstrip(". ")
+    return clean.encode()[:MAX_NAME_BYTES].decode(errors="ignore").strip()
+
+
+def _require_file(path: Path, is_allowed: bool) -> Path:
+    """Return the path of a file that may be sent; raises Refusal."""
+    if not is_allowed or path.is_symlink() or not path.is_file():
+        raise Refusal(404, "There is no such file in this shot.")
+    return path
+
+
 def _identify(place: str) -> str:
     """Return the id of a folder by its path within the library."""
     return hashlib.sha256(os.fsencode(place)).hexdigest()[:16]
@@ -392,7 +444,7 @@ def _make_card(path: Path, place: str, names: set[str]) -> Card | None:
     seconds = float(stated) if isinstance(stated, float | int) and math.isfinite(stated) else 0.0
     is_whole = kind not in ("shot", "rally") or "slow.mp4" in names
     return Card(
-        _identify(place), _name_card(place), kind, _read_date(path), 0.0, _name_table(scene),
+        _identify(place), _name_card(place), path.name, kind, _read_date(path), 0.0, _name_table(scene),
         len(facts["balls"]) if isinstance(facts.get("balls"), list) else None, seconds,
         TRUST_WORDS.get(_get_text(facts.get("trust", scene.get("trust")), "light"), ""),
         _first_sentence(facts.get("sentences")), bool(facts.get("thumbnail")), "done" if is_whole else "quick", "",

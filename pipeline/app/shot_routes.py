@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -18,7 +17,7 @@ from urllib.parse import urlencode
 import numpy as np
 from anyio import CapacityLimiter, to_thread
 from starlette.requests import Request
-from starlette.responses import FileResponse, Response
+from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from models.core.answer import Answer
@@ -28,22 +27,21 @@ from models.core.number_format import format_time
 from models.core.rally import Rally
 from models.estimation.contact_test.rule_answers import find_struck_ball
 from models.estimation.contact_test.shot_record import REST_SPEED
-from models.estimation.forecast.ensemble_prediction import ENSEMBLE_SIZE
 from pipeline.actions.answer_call import answer_question, state_call, trace_mark, write_call_images
 from pipeline.actions.judge_rally import state_rally_call, write_landing_picture
 from pipeline.actions.placement_views import format_place_from_rails, state_wanted_places
-from pipeline.actions.play_otherwise import PlayedShot, StrokePlan
+from pipeline.actions.play_otherwise import PLAYS, PlayedShot, StrokePlan
 from pipeline.actions.predict_rally import state_flight_prediction
-from pipeline.actions.predict_shot import forecast_from, state_prediction
+from pipeline.actions.predict_shot import state_prediction
 from pipeline.actions.put_back import locate_wanted_places
 from pipeline.actions.share_call import write_share_clip
 from pipeline.actions.stroke_options import choose_spread, parse_change
-from pipeline.app.open_shots import SEED, OpenShot, ShotDesk
+from pipeline.app.open_shots import PREDICTED_S, QUICK_PLAYS, OpenShot, ShotDesk
 from pipeline.app.refusals import Refusal, read_json_body
 from pipeline.app.shot_document import describe_rally, describe_shot, list_paths
-from pipeline.app.shot_library import ShotLibrary
+from pipeline.app.shot_library import SHARE_FOLDER
 from pipeline.editing.edit_session import ConflictError, EditSession
-from pipeline.io.corrections_file import MAX_BYTES, SCHEMA, parse_corrections
+from pipeline.io.corrections_file import SCHEMA, parse_corrections
 from pipeline.io.strict_json import replace_nonfinite
 from pipeline.reporting.text.call_sentences import format_call
 from pipeline.reporting.text.text_formatting import format_meeting, start_sentence
@@ -54,12 +52,10 @@ COMPUTING, DECODING = 2, 2
 CALL_WORDS = {"touch": "contact"}
 # Characters of the longest word of a question.
 LONGEST_WORD = 64
-# Folder of a run for the files that are shared, and their names.
-SHARE_FOLDER, SHARED_NAME = "share", re.compile(r"[A-Za-z0-9][A-Za-z0-9_.=-]{0,120}\.(png|mp4)")
 # Files of a run that are shared with every answer.
 SHARED_RUN_FILES = ("slow.mp4", "poster.png", "report.html")
-# s that are predicted by default, and at most.
-PREDICTED_S, LONGEST_PREDICTION_S = 3.0, 60.0
+# s that are predicted at most.
+LONGEST_PREDICTION_S = 60.0
 # Changes of a stroke by their names in a request, with their names in `trueroll what-if` and their units there.
 STROKE_CHANGES = {"speed_percent": ("speed", "%"), "angle_deg": ("angle", "deg"), "side_percent": ("side", "%"),
                   "top_percent": ("top", "%")}  # fmt: skip
@@ -70,16 +66,9 @@ MODELS_COMING = (
 V = TypeVar("V")
 
 
-def build_routes(library: ShotLibrary, desk: ShotDesk | None = None) -> list[BaseRoute]:
-    """Build the routes below `api`.
-
-    Args:
-        desk: Keeps the open shots; None for a new one.
-    """
-    desk = ShotDesk(library) if desk is None else desk
-    library.closers.append(desk.close)
-    library.deletion_listeners.append(desk.close_session)
-    handlers = ShotHandlers(library, desk)
+def build_routes(desk: ShotDesk) -> list[BaseRoute]:
+    """Build the routes below `api`."""
+    handlers = ShotHandlers(desk)
     return [
         Route("/shots/{id}", handlers.send_shot),
         Route("/shots/{id}/frame/{number:int}", handlers.send_frame),
@@ -89,7 +78,6 @@ def build_routes(library: ShotLibrary, desk: ShotDesk | None = None) -> list[Bas
         Route("/shots/{id}/what-if", handlers.play_otherwise, methods=["POST"]),
         Route("/shots/{id}/put-back", handlers.put_back),
         Route("/shots/{id}/share", handlers.share, methods=["POST"]),
-        Route("/shots/{id}/shared/{name}", handlers.send_shared),
         Route("/shots/{id}/status", handlers.send_status),
         Route("/shots/{id}/corrections", handlers.change_corrections, methods=["PUT"]),
         *(Route(f"/shots/{{id}}/{name}", handlers.step, methods=["POST"]) for name in ("undo", "redo")),
@@ -119,8 +107,8 @@ class Question:
 class ShotHandlers:
     """Handlers of the answers about a shot."""
 
-    def __init__(self, library: ShotLibrary, desk: ShotDesk) -> None:
-        self._library, self._desk = library, desk
+    def __init__(self, desk: ShotDesk) -> None:
+        self._desk = desk
         self._computing, self._decoding = CapacityLimiter(COMPUTING), CapacityLimiter(DECODING)
 
     async def _compute(self, function: Callable[..., V], *arguments: Any) -> V:
@@ -134,8 +122,9 @@ class ShotHandlers:
 
     def _describe(self, shot: str) -> dict[str, Any]:
         opened = self._desk.open(shot)
+        own = {"id": shot, "version": _name_version(opened), "name": self._desk.name_shot(opened)}
         if isinstance(opened.saved, Rally):
-            return {"id": shot, "version": _name_version(opened), **describe_rally(opened)}
+            return describe_rally(opened) | own
         session: EditSession | None = None
         why_not = ""
         try:
@@ -143,7 +132,7 @@ class ShotHandlers:
         except (TruerollError, OSError) as error:
             why_not = f"This shot cannot be corrected: {' '.join(str(error).split())}"
         opened.warm_up()
-        return {"id": shot, "version": _name_version(opened), **describe_shot(opened, session, why_not)}
+        return describe_shot(opened, session, why_not) | own
 
     async def send_frame(self, request: Request) -> Response:
         """Send a frame as JPEG."""
@@ -205,7 +194,7 @@ class ShotHandlers:
         speeds = [] if at is None else [record.speed_at(k, at) for k in range(len(record.ids))]
         if at is not None and at <= record.moments[-1] and not any(speed > REST_SPEED for speed in speeds):
             raise Refusal(422, "Nothing moves at this moment; choose one after the stroke.")
-        predicted = forecast_from(opened.folder, seconds, at, None, None, SEED, ENSEMBLE_SIZE, self._desk.cache)
+        predicted = opened.predict(at, seconds)
         answer, prediction = state_prediction(predicted), predicted.prediction
         paths = np.stack([fan.medoid_path for fan in predicted.draw_fans()], axis=1)
         return _describe_answer(answer) | {
@@ -216,7 +205,7 @@ class ShotHandlers:
         }  # fmt: skip
 
     async def play_otherwise(self, request: Request) -> Response:
-        """Play a stroke otherwise as `trueroll what-if` does, with fewer plays."""
+        """Play a stroke otherwise as `trueroll what-if` does; with few plays where `is_quick`, as a slider moves."""
         body = await read_json_body(request)
         return _send(await self._compute(self._play, request.path_params["id"], body))
 
@@ -233,9 +222,10 @@ class ShotHandlers:
             parse_change(**texts), *choose_spread(spread or None), game or None,  # type: ignore[arg-type]
             _read_word(body, "ball"), _read_word(body, "pocket"),
         )  # fmt: skip
-        is_coming = opened.fit_laws()
-        played = opened.play(int(stroke) - 1, plan)
-        return _describe_plays(opened, played, is_coming)
+        is_quick = body.get("is_quick") is True
+        is_coming = not is_quick and opened.fit_laws()  # the search would slow down a slider that moves
+        played = opened.play(int(stroke) - 1, plan, QUICK_PLAYS if is_quick else PLAYS)
+        return _describe_plays(opened, played, is_coming, is_quick)
 
     async def put_back(self, request: Request) -> Response:
         """Send where the balls lay at a frame, or just before the strike, as `trueroll put-back` does."""
@@ -290,15 +280,6 @@ class ShotHandlers:
         files += [(path, f"api/shots/{shot}/file/{path.name}") for path in own if path.is_file()]
         return [{"name": path.name, "address": place, "bytes": path.stat().st_size} for path, place in files]
 
-    async def send_shared(self, request: Request) -> Response:
-        """Send a file that was written to be shared."""
-        name = request.path_params["name"]
-        folder = await to_thread.run_sync(self._library.find_folder, request.path_params["id"])
-        path = folder / SHARE_FOLDER / name
-        if SHARED_NAME.fullmatch(name) is None or path.is_symlink() or not path.is_file():
-            raise Refusal(404, "There is no such file in this shot.")
-        return FileResponse(path, headers={"Cache-Control": "private, no-cache"})
-
     async def send_status(self, request: Request) -> Response:
         """Send progress and revision of the corrections."""
         session = await self._open_session(request)
@@ -306,7 +287,7 @@ class ShotHandlers:
 
     async def change_corrections(self, request: Request) -> Response:
         """Replace the corrections by those of the request, which must name their revision in If-Match."""
-        document = await read_json_body(request, MAX_BYTES)
+        document = await read_json_body(request)
         try:
             corrections = parse_corrections({"schema": SCHEMA, **document}).corrections
         except (ValueError, RecursionError, OverflowError) as error:
@@ -414,7 +395,7 @@ def _describe_answer(answer: Answer) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _describe_plays(opened: OpenShot, played: PlayedShot, is_coming: bool) -> dict[str, Any]:
+def _describe_plays(opened: OpenShot, played: PlayedShot, is_coming: bool, is_quick: bool) -> dict[str, Any]:
     """Describe a shot that was played otherwise; paths are those of the most typical plays."""
     ensemble, answer = played.struck.ensemble, played.answer
     t = ensemble.t + played.changed.t
@@ -425,9 +406,10 @@ def _describe_plays(opened: OpenShot, played: PlayedShot, is_coming: bool) -> di
     }
     coming = [MODELS_COMING] if is_coming and not ensemble.is_whole_shot else []
     return _describe_answer(answer) | {
-        "sentences": [*answer.sentences, *coming], "is_final": not coming, "model": answer.document["model"],
-        "t": ensemble.t, "cue": ensemble.ids[ensemble.cue], "draws": len(ensemble.members), "chance": chances,
-        "stroke": answer.document["stroke"], "paths": list_paths(ensemble.ids, t, paths),
+        "sentences": [*answer.sentences, *coming], "is_final": not (coming or is_quick),
+        "model": answer.document["model"], "t": ensemble.t, "cue": ensemble.ids[ensemble.cue],
+        "draws": len(ensemble.members), "chance": chances, "stroke": answer.document["stroke"],
+        "paths": list_paths(ensemble.ids, t, paths),
         "events": _describe_events(opened, answer.document["changed"]["events"], t, paths, ensemble.ids),
     }  # fmt: skip
 

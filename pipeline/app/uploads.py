@@ -17,7 +17,7 @@ from starlette.requests import ClientDisconnect, Request
 
 from pipeline.app.job_queue import JobQueue
 from pipeline.app.refusals import Refusal
-from pipeline.app.shot_library import ShotLibrary
+from pipeline.app.shot_library import ShotLibrary, clean_name
 from pipeline.engine.atomic_write import part_suffix, remove_leftovers
 
 # Largest upload, bytes: an hour of a phone's video. A larger file on this machine is named by its path.
@@ -28,8 +28,6 @@ RESERVED_BYTES = 1_000_000_000
 MAX_AT_ONCE, MAX_PER_HOUR = 64, 200
 # Bytes at the start of a file that decide whether it is a video: two packets of an MPEG transport stream.
 HEADER_BYTES = 400
-# Of a name without its suffix: a file system takes 255, and files beside the clip have longer names.
-MAX_NAME_BYTES = 180
 
 
 class UploadDesk:
@@ -111,11 +109,10 @@ TOO_LARGE = f"An upload has at most {MAX_UPLOAD_BYTES / 1e9:.0f} GB; give the pa
 def check_name(name: str) -> str:
     """Return the last part of a file name without what a file system or a terminal could misread; raises Refusal."""
     last = PurePosixPath(name.replace("\\", "/")).name
-    clean = "".join(letter for letter in last if letter.isprintable() and letter not in '<>:"|?*').lstrip(". ").strip()
-    stem, dot, suffix = clean.rpartition(".")
-    if not stem or not dot or not suffix.isalnum() or len(suffix) > 8:
+    stem, _, suffix = last.rpartition(".")
+    if not (clean := clean_name(stem)) or not suffix.isalnum() or len(suffix) > 8:
         raise Refusal(422, "The name of a video file was expected, such as shot.mp4.")
-    return f"{stem.encode()[:MAX_NAME_BYTES].decode(errors='ignore').strip()}.{suffix}"
+    return f"{clean}.{suffix}"
 
 
 def require_video_header(header: bytes) -> None:

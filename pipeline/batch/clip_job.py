@@ -50,6 +50,8 @@ class ClipJob:
     limits: ClipLimits = ClipLimits()
     preview: str = ""
     """JPEG file that shows a frame with what is found in it so far, for who follows the run; empty for none."""
+    for_page: bool = False
+    """Whether the page shows the result, which has no options, instead of a command."""
 
     @property
     def options(self) -> RunOptions:

@@ -78,7 +78,7 @@ def run_job(job: ClipJob, watcher: ShotWatcher) -> ClipResult:
         try:
             result = _run_clip_or_shots(job, watcher)
         except Exception as error:  # no error of one clip may stop the batch
-            result = build_failed_result(job.name, format_error(error))
+            result = build_failed_result(job.name, format_error(error, for_page=job.for_page))
         return replace(result, compiling=round(measure(), 3))
 
 
@@ -172,7 +172,7 @@ def _run_shots(
             run = run_clip(clip, folder / shot.name, options, cache, counted, snapshot=SNAPSHOT, shot=shot)
             ran.append(ShotOutcome(shot, run, ""))
         except Exception as error:  # no error of one shot may stop the others
-            ran.append(ShotOutcome(shot, None, format_error(error)))
+            ran.append(ShotOutcome(shot, None, format_error(error, for_page=job.for_page)))
     good = [one for one in ran if one.run is not None]
     if good:
         _merge_tables(clip, good, folder, options)

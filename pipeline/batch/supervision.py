@@ -29,7 +29,6 @@ from pipeline.batch import clip_runner
 from pipeline.batch.clip_job import (
     MAX_TRIES,
     ClipJob,
-    ClipLimits,
     ClipResult,
     JobStream,
     ProgressListener,
@@ -203,7 +202,7 @@ class SupervisedProcess:
                 if "shot" in message:
                     child.started_at = time.monotonic()
                 listener(message)
-            self._enforce_limits(job.name, job.limits, child)
+            self._enforce_limits(job, child)
 
     def start(self) -> None:
         """Start the process if there is none, without waiting until it is ready."""
@@ -234,16 +233,16 @@ class SupervisedProcess:
                 raise ProcessDied(f"it did not start within {START_TIMEOUT_S:.0f} s")
         return child
 
-    def _enforce_limits(self, name: str, limits: ClipLimits, child: _ChildProcess) -> None:
+    def _enforce_limits(self, job: ClipJob, child: _ChildProcess) -> None:
         """Kill the process and raise ClipLimitExceeded if the clip exceeds a limit."""
-        sentence = ""
+        name, limits, sentence = job.name, job.limits, ""
         if time.monotonic() - child.started_at > limits.seconds:
-            sentence = f"{name} took more than {format_duration(limits.seconds)}; --time-limit allows more"
+            sentence, option = f"{name} took more than {format_duration(limits.seconds)}", "time-limit"
         elif child.measure_memory_mb() > limits.megabytes:
-            sentence = f"{name} took more than {limits.megabytes:.0f} MB of memory; --memory-limit allows more"
+            sentence, option = f"{name} took more than {limits.megabytes:.0f} MB of memory", "memory-limit"
         if sentence:
             self.end(at_once=True)
-            raise ClipLimitExceeded(sentence)
+            raise ClipLimitExceeded(sentence if job.for_page else f"{sentence}; --{option} allows more")
 
 
 _THREAD = threading.local()

@@ -21,7 +21,13 @@ from pipeline.io.run_folder import STAGE_FILES
 from pipeline.recording_shots import read_recording_shot
 from pipeline.reporting.text.fit_sentences import format_corrections, format_recomputed
 from pipeline.reporting.text.text_formatting import format_error
-from pipeline.run_options import CORRECTED_SETTINGS, RunOptions, apply_corrections, reset_settings, start_corrections
+from pipeline.run_options import (
+    CORRECTED_SETTINGS,
+    RunOptions,
+    require_possible_settings,
+    reset_settings,
+    start_corrections,
+)
 from pipeline.stages.shot_stages import ClipShot
 
 # Longest wait for a run in progress at the end of the session, s: a search that reports no progress cannot be given up,
@@ -135,7 +141,7 @@ class EditSession:
             ConflictError: Somebody else has changed them since.
             OptionError: They cannot be used or written.
         """
-        apply_corrections(reset_settings(self._options), corrections)
+        require_possible_settings(corrections)
         with self._lock:
             before = self._file.corrections
             self._write(corrections, revision)
@@ -235,7 +241,7 @@ class EditSession:
             except SupersededError:
                 continue
             except Exception as error:  # no error of a run may end the session
-                self._fail(format_error(error), revision)
+                self._fail(format_error(error, for_page=True), revision)
 
     def _run_tables(self, watcher: _SessionWatcher, options: RunOptions, revision: int) -> ClipRun:
         """Run the stages up to the tables; before the first correction the folder stays as it is."""

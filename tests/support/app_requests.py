@@ -13,6 +13,7 @@ from typing import Any
 from starlette.applications import Starlette
 
 from pipeline.app.access_guard import AccessKeys
+from pipeline.app.answer_process import build_answers
 from pipeline.app.app_server import build_app
 from pipeline.app.job_queue import JobQueue
 from pipeline.app.shot_library import ShotLibrary
@@ -23,6 +24,11 @@ HANG_S = 600.0
 NETWORK = "192.168.1.5"
 # Start of an MP4 file: a box `ftyp`, then one of free space.
 MP4_HEADER = b"\x00\x00\x00\x18ftypisom\x00\x00\x02\x00isomiso2" + b"\x00\x00\x01\x00free" + bytes(600)
+PATH_TRICKS = (
+    "../secret.txt", "..%2fsecret.txt", "....//secret.txt", "..\\secret.txt", "%2e%2e/secret.txt", "\0", "C:\\x",
+    "/etc/passwd", "//etc/passwd", "~", ".", "..", "break", "scene.json/..", "\u2025/secret.txt", "x" * 5000,
+)  # fmt: skip
+"""Names that a careless program would follow out of a folder."""
 THUMBNAIL = b"\xff\xd8\xff\xe0 a small image"
 
 
@@ -44,6 +50,16 @@ class Reply:
         return str(self.document["error"])
 
 
+def build_local_answers(library: ShotLibrary, queue: JobQueue) -> Starlette:
+    """Build what answers requests about shots in this process, where a test can replace functions."""
+    from pipeline.app.open_shots import ShotDesk
+
+    desk = ShotDesk(library)
+    library.closers.append(desk.close)
+    library.closing_listeners.append(desk.close_session)
+    return build_answers(library, queue, desk)
+
+
 class Visitor:
     """Sends requests to an application, as a browser on this machine or on a device in the network."""
 
@@ -51,7 +67,8 @@ class Visitor:
         self.library = ShotLibrary(library)
         self.queue = JobQueue(self.library)
         self.keys = AccessKeys()
-        self.app: Starlette = build_app(self.library, self.queue, self.keys, f"http://{NETWORK}:{PORT}")
+        answers = build_local_answers(self.library, self.queue)
+        self.app: Starlette = build_app(self.library, self.queue, self.keys, answers, f"http://{NETWORK}:{PORT}")
 
     def ask(self, method: str, path: str, body: bytes | object = b"", device: str = "", **headers: str) -> Reply:
         """Send a request. A path without a slash at its start is below the token; a device asks over the network."""

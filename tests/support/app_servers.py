@@ -14,6 +14,7 @@ from typing import Any
 from unittest.mock import patch
 from urllib.parse import urlsplit
 
+from support.app_requests import build_local_answers
 from support.edit_sessions import HANG_S, replace_runs
 from support.synthetic_run import RATE, make_unexplained_shot, save_shot
 
@@ -27,8 +28,8 @@ from pipeline.io.strict_json import write_json
 
 @contextmanager
 def serve_app(library: Path, port: int = 0) -> Iterator[AppServer]:
-    """Serve the page of a library."""
-    server = AppServer(ShotLibrary(library), port)
+    """Serve the page of a library; answers about shots are computed here too, so that a test can replace functions."""
+    server = AppServer(ShotLibrary(library), port, build_answers=build_local_answers)
     thread = threading.Thread(target=server.run)
     thread.start()
     try:

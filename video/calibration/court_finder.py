@@ -57,7 +57,6 @@ PLACE_FRAMES, MAX_PLACE_MISFIT = 6, 4.0
 # px, standard deviation of corners given by the user, and px in an image of `REFERENCE_WIDTH_PX` from them up to which
 # lines are those of their court; share of its lines that must be seen to be more exact than the user's eye.
 USER_CORNER_SIGMA_PX, GIVEN_REACH_PX, MIN_GIVEN_SHARE = 2.0, 12.0, 0.4
-GIVE_COURT_CORNERS = "film it with its lines in view, or give the corners of the court with --corners x,y,x,y,x,y,x,y"
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +101,8 @@ def locate_court(clip: Clip, sport: str | None, corners: str | None, progress: P
         subject = (
             f"no {sport} court" if sport is not None else f"no court of a known sport ({', '.join(find_sports())})"
         )
-        raise ClipError(f"{clip.path.name} shows {subject}; {GIVE_COURT_CORNERS}")
+        sentence = f"{clip.path.name} shows {subject}; film it with its lines in view"
+        raise ClipError(sentence, remedy="court corners")
     progress(0.6)
     camera, error = replace(located.fit.camera, first_frame=clip.first_frame), located.fit.line_error
     if not is_still:
@@ -254,5 +254,5 @@ def _locate_by_corners(brightness: NDArray[np.float32], sports: Sequence[Sport],
         raise OptionError("no lines of a known court are seen near --corners; state --sport too, or other corners")
     best = min(plain, key=lambda one: one.fit.line_error)
     if not best.fit.line_error < reach:
-        raise OptionError(f"--corners are not those of a {best.sport.name} court; give its four outer corners")
+        raise OptionError(f"are not those of a {best.sport.name} court; give its four outer corners", option="corners")
     return best

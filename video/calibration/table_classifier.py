@@ -132,7 +132,7 @@ def _explain_choice(table: Table, sizes: BallSizes, pockets: bool | None, has_d:
         )
     else:
         reasons.append("no ball could be measured")
-    return f"table classified as {table.name} because {', '.join(reasons)}; give --table to override"
+    return f"table classified as {table.name} because {', '.join(reasons)}; state another table to override"
 
 
 def _format_alternatives(table: Table, probabilities: dict[str, float]) -> tuple[str, ...]:
@@ -145,7 +145,7 @@ def _format_alternatives(table: Table, probabilities: dict[str, float]) -> tuple
     share = format_probability(probabilities[table.name])
     return (
         f"{ALTERNATIVES_PREFIX}{alternatives}: {table.name} is {share} probable."
-        f" If you know the size, run it again with it, such as --table {likely[0]}.",
+        f" If you know the size, run it again with the table stated, such as {likely[0]}.",
     )
 
 

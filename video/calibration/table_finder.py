@@ -76,7 +76,6 @@ MIN_EXPECTED_NOSES = 3
 # px, standard deviation of corners given by the user.
 USER_CORNER_SIGMA_PX = 2.0
 # Remedy where a table is in view but is not recognised.
-GIVE_CORNERS = "give the corners of the playing surface with --corners x,y,x,y,x,y,x,y"
 # Painted lines in either direction that make a court: a table has a line across and none along at most.
 MIN_COURT_LINES = 2
 # Intersection over union of two quadrangles from which they are one table: a corner that is wrong by a tenth of the
@@ -321,12 +320,12 @@ def locate_table(image: ImageArray, name: str = "the image") -> TableLocation:
         )
     best = attempts[0] if attempts else None
     if best is None or best.noses is None or best.misfit > MAX_MISFIT:
-        raise TableNotFound(f"{name} {_explain_attempt(best)}")
+        raise TableNotFound(f"{name} {_explain_attempt(best)}", remedy="corners")
     noses, (height, width) = best.noses, image.shape[:2]
     corners, perspective = orient_corners(noses.corners, width, height, _mean_sigma(noses.covariance))
     if not ASPECT_RANGE[0] < perspective.aspect < ASPECT_RANGE[1]:
-        shape = f"shows a cloth {perspective.aspect:.2f} times as long as wide, and tables are 2; {GIVE_CORNERS}"
-        raise TableNotFound(f"{name} {_explain_attempt(best) if best.is_cropped else shape}")
+        shape = f"shows a cloth {perspective.aspect:.2f} times as long as wide, and tables are 2"
+        raise TableNotFound(f"{name} {_explain_attempt(best) if best.is_cropped else shape}", remedy="corners")
     along, across = count_painted_lines(image, corners)
     if min(along, across) >= MIN_COURT_LINES:
         raise TableNotFound(
@@ -374,15 +373,15 @@ def _list_attempts(image: ImageArray, is_cropped: bool) -> list[_Attempt]:
 def _explain_attempt(attempt: _Attempt | None) -> str:
     """Say what was seen instead of a table, and what to do."""
     if attempt is None:
-        return f"shows no cloth with four straight sides; film the whole table from above, or {GIVE_CORNERS}"
+        return "shows no cloth with four straight sides; film the whole table from above"
     if attempt.is_cropped:
         return (
             "is filled by one surface up to its border, not by a table with four cushions in view; film from further"
-            f" away, or {GIVE_CORNERS}"
+            " away"
         )
     if attempt.noses is None:
-        return f"shows a cloth without visible cushion noses; {GIVE_CORNERS}"
-    return f"shows a cloth whose sides do not look like four equal cushions; {GIVE_CORNERS}"
+        return "shows a cloth without visible cushion noses"
+    return "shows a cloth whose sides do not look like four equal cushions"
 
 
 def _mean_sigma(covariance: FloatArray) -> float:
@@ -411,9 +410,9 @@ def _locate_from_option(option: str, background: ImageArray, stored_scale: tuple
         source += ", in pixels of the stored image, which are not square"
     if not 1.5 < perspective.aspect < 2.6:
         raise OptionError(
-            f"--corners must be those of a table about twice as long as wide; these are {perspective.aspect:.2f} times;"
-            " if the pixels are not square, state their shape with --pixel-aspect"
-        )
+            f"must be those of a table about twice as long as wide; these are {perspective.aspect:.2f} times",
+            option="corners", remedy="pixels",
+        )  # fmt: skip
     return TableLocation(
         corners,
         np.eye(8) * USER_CORNER_SIGMA_PX**2,
@@ -483,11 +482,11 @@ def parse_corners(text: str, width: int, height: int) -> FloatArray:
     except ValueError:
         numbers = []
     if len(numbers) != 8 or not np.all(np.isfinite(numbers)):
-        raise OptionError(f"--corners are eight numbers x,y,x,y,x,y,x,y in px; got {text!r}")
+        raise OptionError(f"are eight numbers x,y,x,y,x,y,x,y in px; got {text!r}", option="corners")
     points = np.array(numbers).reshape(4, 2)
     margin = 0.5 * np.array([width, height])
     if np.any(points < -margin) or np.any(points > np.array([width, height]) + margin):
-        raise OptionError(f"--corners must lie in or near the image of {width} x {height} px; got {text!r}")
+        raise OptionError(f"must lie in or near the image of {width} x {height} px; got {text!r}", option="corners")
     offset = points - points.mean(axis=0)
     ordered = points[np.argsort(np.arctan2(offset[:, 1], offset[:, 0]))]
     edges = np.roll(ordered, -1, axis=0) - ordered
@@ -495,7 +494,7 @@ def parse_corners(text: str, width: int, height: int) -> FloatArray:
     turns = edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
     # Check the turns first: coincident corners have no line through them.
     if np.any(turns < 1.0) or intersect_lines(list(map(line_through, ordered, np.roll(ordered, -1, axis=0)))) is None:
-        raise OptionError(f"--corners must be the four corners of a convex quadrangle; got {text!r}")
+        raise OptionError(f"must be the four corners of a convex quadrangle; got {text!r}", option="corners")
     return ordered
 
 
@@ -543,7 +542,7 @@ def _build_scene(
             table = replace(table, width=table.length / aspect)
             warnings += (
                 f"The table is {aspect:.2f} times as long as wide, where most are 2: so are some home tables, or any"
-                " where pixels are not square. Give --table LENGTHxWIDTH in m.",
+                " where pixels are not square. State its length and width in m.",
             )
     if options.ball_radius is not None:
         table = replace_ball_radius(table, options.ball_radius)

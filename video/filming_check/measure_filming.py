@@ -157,7 +157,7 @@ def locate_view(sample: ClipSample, clip: Clip, options: CalibrateOptions) -> Fi
     try:
         scene = calibrate_clip(clip, options)
     except TableNotFound as missing:
-        refusal = str(missing)
+        refusal = str(missing.args[0])  # what else a run could be told does not change how the clip is filmed
         with suppress(
             TableNotFound
         ):  # a moving camera may have been the reason; light and focus are measured all the same

@@ -314,8 +314,8 @@ def _check_times(path: Path, t: FloatArray, fps: Fraction) -> None:
     """Raise ClipError for implausible times, which would make every speed meaningless."""
     if not FPS_RANGE[0] <= fps <= FPS_RANGE[1]:
         raise ClipError(
-            f"{path.name} has a frame rate of {float(fps):.4g} fps; {FPS_RANGE[0]} to {FPS_RANGE[1]} were expected; "
-            "give the right number with --fps"
+            f"{path.name} has a frame rate of {float(fps):.4g} fps; {FPS_RANGE[0]} to {FPS_RANGE[1]} were expected",
+            remedy="rate",
         )
     longest = int(np.argmax(np.diff(t)))
     if t[longest + 1] - t[longest] > MAX_GAP_S:

@@ -13,6 +13,8 @@ from models.numerics.statistics import estimate_sigma
 
 # Shots from which a slope with an interval is stated: fewer have no interval of 95 % by ranks.
 MIN_TREND_SHOTS = 4
+# Probability from which the range of some shots is taken to hold the player's true level.
+SURE_RANGE = 0.95
 # Numbers that a session takes from the object ball alone.
 OF_OBJECT_BALL = ("pocket_offset", "pocket_speed")
 # Numbers that a session takes from cue ball and object ball, as `length` and `object_length`.
@@ -43,6 +45,18 @@ class SeriesSummary:
     def has_trend(self) -> bool:
         """Whether the interval of the slope leaves out 0."""
         return bool(self.slope_low > 0 or self.slope_high < 0)
+
+
+def compute_range_coverage(count: int) -> float:
+    """Compute the probability that the true median lies within the range of some independent shots.
+
+    Args:
+        count: Number of shots, at least one.
+
+    Returns:
+        The probability: that neither all shots lie above the median nor all below it, each with one half.
+    """
+    return float(1 - 2.0 ** (1 - count))
 
 
 def collect_session_numbers(shot: ShotNumbers) -> dict[str, tuple[float, float, str, bool]]:

@@ -106,8 +106,7 @@ def replace_ball_radius(table: Table, radius: float) -> Table:
     if not BALL_RADIUS_RANGE[0] < radius < BALL_RADIUS_RANGE[1]:
         low, high = BALL_RADIUS_RANGE
         raise OptionError(
-            f"a ball radius in metres is wanted, such as 0.028575: balls are {2e3 * low:g} to {2e3 * high:g} mm in"
-            f" diameter; got {radius:g}"
+            f"balls are {2e3 * low:g} to {2e3 * high:g} mm in diameter, and not {2e3 * radius:g} mm", remedy="radius"
         )
     return replace(table, ball_radius=radius, ball_mass=scale_ball_mass(table, radius))
 
@@ -195,7 +194,9 @@ def format_contradiction(nominal: BallSize, other: BallSize, table_name: str) ->
     what = "balls look" if other.source == "image" else "distances of touching balls make the balls"
     size = f"{abs(change)} % {'larger' if change > 0 else 'smaller'}"
     if nominal.source == "user":
-        return f"The {what} {size} than --ball-radius {nominal.radius:g}: it or the size of the table may be wrong."
+        stated = f"stated, {2e3 * nominal.radius:g} mm in diameter"
+        return f"The {what} {size} than {stated}: that or the size of the table may be wrong."
     return (
-        f"The {what} {size} than those of a {table_name} table: its size may be wrong; give --table or --ball-radius."
+        f"The {what} {size} than those of a {table_name} table: its size may be wrong; state the table, or the size of"
+        " its balls."
     )

@@ -1,5 +1,5 @@
 // The library as this page knows it: shots, jobs and disk of the server, uploads and notices of this page.
-import { RequestError, listen, post, read, remove, uploadClip } from "./api.js";
+import { RequestError, listen, post, read, remove, send, uploadClip } from "./api.js";
 import { createStore } from "./store.js";
 import { text } from "./strings.js";
 
@@ -10,6 +10,7 @@ const ENDED = ["done", "failed", "cancelled"];
 
 export const library = createStore({
   shots: /** @type {object[] | null} */ (null), jobs: [], disk: null, revision: -1, lan: false, local: true, isOnline: true,
+  preparing: "",
 });
 export const uploads = createStore({ waiting: [] });
 export const notices = createStore({ list: [] });
@@ -60,6 +61,7 @@ function handleEvent(event) {
     putJob(event);
     if (ENDED.includes(event.state)) loadLibrary(); // its card is no longer one of a running job
   }
+  if (event.type === "preparing") library.set({ preparing: event.preparing });
   if (event.type === "shot") shotChanges.set((counts) => ({ [event.id]: (counts[event.id] ?? 0) + 1 }));
 }
 
@@ -123,6 +125,17 @@ export async function deleteShots(ids) {
   if (undone.length) {
     notify(text.library.deleted(undone.length), {
       action: { label: text.library.undoDelete, run: () => restoreShots(undone) },
+    });
+  }
+  await loadLibrary();
+}
+
+/** Rename a shot, and offer to undo that. */
+export async function renameShot(id, name, canUndo = true) {
+  const { shot, before } = await send("PUT", `api/shots/${encodeURIComponent(id)}/name`, { body: { name } });
+  if (canUndo) {
+    notify(text.library.renamed(name), {
+      action: { label: text.library.undoDelete, run: () => renameShot(shot, before, false).catch(notifyError) },
     });
   }
   await loadLibrary();

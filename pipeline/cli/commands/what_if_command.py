@@ -10,7 +10,7 @@ import typer
 
 from models.core.answer import Answer
 from models.estimation.changed_shot import Game
-from pipeline.actions.play_otherwise import StrokePlan, play_otherwise
+from pipeline.actions.play_otherwise import PLAYS, StrokePlan, play_otherwise
 from pipeline.actions.stroke_options import choose_spread, parse_change
 from pipeline.engine.atomic_write import parse_output_path
 from pipeline.engine.result_cache import open_cache
@@ -33,7 +33,7 @@ def what_if(
     pocket: str = "",
     stroke: Annotated[int, typer.Option(min=1)] = 1,
     profile: cli.ProfileOption = None,
-    draws: Annotated[int, typer.Option(min=50, max=20_000)] = 400,
+    draws: Annotated[int, typer.Option(min=50, max=20_000)] = PLAYS,
     seed: Annotated[int, typer.Option(min=0)] = 0,
     out: cli.OutBesideOption = None,
     cache: cli.AnyCacheOption = None,

@@ -64,7 +64,7 @@ WORDS = {
     ),
     "corners": FilmingWords(
         "corners of the table in view", "of 4", 0,
-        "Move the camera back or up until all four corners are visible, or give them with --corners.",
+        "Move the camera back or up until all four corners are visible, or state where they are.",
     ),
     "ball_size": FilmingWords(
         "diameter of a far ball", "px", 1, "Go nearer, use the full resolution, or film from higher up.",

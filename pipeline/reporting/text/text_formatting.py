@@ -133,17 +133,31 @@ def name_folders(folders: Sequence[Path]) -> str:
     return ", ".join(names) if len(names) <= 3 else f"{names[0]} to {names[-1]}"
 
 
-def format_error(error: Exception) -> str:
+# Options by their names on the page, where these are others; what else can be done there, by the names of errors.
+PAGE_OPTIONS = {"at": "The moment", "angle": "The direction", "side": "The side spin", "top": "The top spin",
+                "spread": "The player's spread", "on": "The ball on", "corners": "The corners of the table",
+                "edge": "The edge of the ball"}  # fmt: skip
+PAGE_REMEDIES = {"corners": "film it again with all four cushions in view", "balls": "film the table from higher up"}
+
+
+def name_page_option(option: str) -> str:
+    """Name an option at the start of a sentence of the page."""
+    return PAGE_OPTIONS.get(option) or f"The {option.replace('-', ' ')}"
+
+
+def format_error(error: Exception, *, for_page: bool = False) -> str:
     """Format an exception as one line for the user.
 
     Args:
         error: Any exception; the messages of a TruerollError are written for users.
+        for_page: Whether that is the user of the page, who has no options, instead of that of a command.
 
     Returns:
         One sentence; an unexpected exception is marked as such.
     """
     if isinstance(error, TruerollError):
-        return " ".join(str(error).split())
+        sentence = error.word(name_page_option, PAGE_REMEDIES) if for_page else str(error)
+        return " ".join(sentence.split())
     if isinstance(error, OSError):
         place = f" ({error.filename})" if error.filename else ""
         return f"A file could not be read or written: {error.strerror or error}{place}"

@@ -58,7 +58,7 @@ def test_the_size_of_the_user_wins_but_is_contradicted() -> None:
     assert combine_ball_sizes([user, from_images(1.0)]) == user
     ((one, two),) = find_contradictions([user, from_images(1.0)])
     assert format_contradiction(one, two, "pool-9ft") == (
-        "The balls look 10 % larger than --ball-radius 0.026: it or the size of the table may be wrong."
+        "The balls look 10 % larger than stated, 52 mm in diameter: that or the size of the table may be wrong."
     )
 
 
@@ -72,7 +72,7 @@ def test_a_typed_size_is_as_exact_as_its_last_digit() -> None:
 def test_a_contradiction_is_one_sentence_with_a_remedy() -> None:
     assert format_contradiction(PRESET, from_images(1.08), "pool-9ft") == (
         "The balls look 8 % larger than those of a pool-9ft table: its size may be wrong;"
-        " give --table or --ball-radius."
+        " state the table, or the size of its balls."
     )
     assert "13 % smaller" in format_contradiction(PRESET, from_images(0.87), "pool-9ft")
 

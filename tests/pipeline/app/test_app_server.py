@@ -11,13 +11,13 @@ import time
 import tracemalloc
 from collections.abc import Iterator
 from pathlib import Path
-from random import Random
 from types import SimpleNamespace
 from urllib.parse import quote
 
 import pytest
+from starlette.applications import Starlette
 from support import app_requests
-from support.app_requests import MP4_HEADER, THUMBNAIL, Reply, Visitor, list_tree, write_run
+from support.app_requests import MP4_HEADER, PATH_TRICKS, THUMBNAIL, Reply, Visitor, list_tree, write_run
 from support.carom_start import run_program
 
 from pipeline.app import access_guard, app_server, uploads
@@ -82,6 +82,29 @@ def test_deleting_and_undoing_are_two_requests(visitor: Visitor) -> None:
     assert (refusal.status, refusal.sentence) == (409, "This shot is being computed, or will be; cancel that first.")
 
 
+def test_a_shot_is_renamed_and_named_back(visitor: Visitor) -> None:
+    shot, root = find_shot(visitor), visitor.library.root
+    write_run(root / "other")
+    closed: list[str] = []
+    visitor.library.closing_listeners.append(closed.append)
+    renamed = visitor.ask("PUT", f"api/shots/{shot}/name", {"name": "Fine break, 2nd"}).document
+    assert (renamed["before"], closed) == ("break", [shot])
+    cards = visitor.ask("GET", "api/library").document["shots"]
+    assert {card["id"]: card["folder"] for card in cards}[renamed["shot"]] == "Fine break, 2nd"
+    assert visitor.ask("PUT", f"api/shots/{shot}/name", {"name": "x"}).status == 404, "the id is that of the folder"
+    taken = visitor.ask("PUT", f"api/shots/{renamed['shot']}/name", {"name": "other"})
+    assert (taken.status, taken.sentence) == (
+        409, "There is something with the name other already; choose another name.",
+    )  # fmt: skip
+    for name in ("", " ", ".hidden", "a/b", "clips", "sessions", "x" * 181, "tab\t", None, 3, "end "):
+        reply = visitor.ask("PUT", f"api/shots/{renamed['shot']}/name", {"name": name})
+        assert (reply.status, reply.sentence[:18]) == (422, "A name has 1 to 18"), name
+    back = visitor.ask("PUT", f"api/shots/{renamed['shot']}/name", {"name": renamed["before"]}).document
+    assert (back["shot"], (root / "break" / "scene.json").exists()) == (shot, True)
+    visitor.queue.add_command("Comparison", ["compare"], root / "break" / "again")
+    assert visitor.ask("PUT", f"api/shots/{shot}/name", {"name": "x"}).status == 409, "it is being computed"
+
+
 def test_only_who_has_the_address_gets_anything(visitor: Visitor, tmp_path: Path) -> None:
     earlier = Visitor(tmp_path / "library").keys.token
     for path in ("/", "/api/library", f"/{'x' * 24}/api/library", f"/{earlier}/api/library", "/pair?code=", "//",
@@ -90,65 +113,13 @@ def test_only_who_has_the_address_gets_anything(visitor: Visitor, tmp_path: Path
         assert (reply.status, reply.sentence) == (404, "There is nothing at this address.")
 
 
-@pytest.mark.parametrize(
-    "host",
-    [
-        "evil.example",
-        "evil.example:8000",
-        "127.0.0.1.evil.example:8000",
-        "127.0.0.1",
-        "127.0.0.1:80",
-        "[::1]:8000",
-        "192.168.1.5:8000",
-        "",
-        "127.0.0.1:8000@evil.example",
-    ],
-)
-def test_a_name_that_was_bound_to_this_machine_is_refused(host: str, visitor: Visitor) -> None:
-    assert visitor.ask("GET", "api/library", host=host).status == 400
-
-
-@pytest.mark.parametrize(
-    "origin",
-    [
-        "http://evil.example",
-        "null",
-        "http://127.0.0.1:9000",
-        "https://127.0.0.1:8000",
-        "http://localhost:8000",
-        "",
-        "file://",
-    ],
-)
-def test_another_page_cannot_change_anything(origin: str, visitor: Visitor, tmp_path: Path) -> None:
-    shot, before = find_shot(visitor), list_tree(tmp_path)
-    for method, path in (("POST", "api/clips?name=a.mp4"), ("POST", "api/paths"), ("DELETE", f"api/shots/{shot}"),
-                         ("DELETE", "api/trash"), ("POST", "api/lan/code"), ("POST", "api/jobs/1/cancel")):  # fmt: skip
-        reply = visitor.ask(method, path, MP4_HEADER, origin=origin)
-        assert (reply.status, reply.sentence) == (403, "Changes are accepted from the page of this server only.")
-    assert list_tree(tmp_path) == before
+def test_another_page_cannot_change_anything_but_this_one_can(visitor: Visitor) -> None:
+    shot = find_shot(visitor)
+    assert visitor.ask("DELETE", f"api/shots/{shot}", origin="http://127.0.0.1:9000").status == 403
     assert visitor.ask("DELETE", f"api/shots/{shot}", origin="http://127.0.0.1:8000").status == 200
 
 
-TRICKS = (
-    "../secret.txt", "..%2fsecret.txt", "....//secret.txt", "..\\secret.txt", "%2e%2e/secret.txt", "\0", "C:\\x",
-    "/etc/passwd", "//etc/passwd", "~", ".", "..", "break", "scene.json/..", "\u2025/secret.txt", "x" * 5000,
-)  # fmt: skip
-
-
-def test_no_trick_with_a_path_leaves_the_library(visitor: Visitor) -> None:
-    shot = find_shot(visitor)
-    for trick in TRICKS:
-        for path in (f"api/shots/{trick}/thumbnail", f"api/shots/{shot}/file/{trick}", f"api/jobs/{trick}/preview",
-                     f"api/shots/{trick}/file/scene.json", trick):  # fmt: skip
-            reply = visitor.ask("GET", path)
-            assert b"secret" not in reply.body
-            assert reply.status == 404, path
-        assert visitor.ask("DELETE", f"api/shots/{trick}").status in (404, 405)
-        assert visitor.ask("POST", f"api/trash/{trick}/restore").status in (404, 405)
-
-
-@pytest.mark.parametrize("trick", [*TRICKS[:9], "a/../../b", "sub/folder/name"])
+@pytest.mark.parametrize("trick", [*PATH_TRICKS[:9], "a/../../b", "sub/folder/name"])
 def test_an_upload_lands_among_the_clips_whatever_it_is_called(trick: str, visitor: Visitor, tmp_path: Path) -> None:
     before = set(list_tree(tmp_path))
     assert visitor.ask("POST", f"api/clips?name={quote(trick)}.mp4", MP4_HEADER).status in (201, 422)
@@ -159,54 +130,6 @@ def test_an_upload_lands_among_the_clips_whatever_it_is_called(trick: str, visit
 def test_a_long_name_is_cut_to_what_a_file_system_takes(visitor: Visitor, tmp_path: Path) -> None:
     assert visitor.ask("POST", f"api/clips?name={quote('台' * 120)}.mp4", MP4_HEADER).status == 201
     assert [path.name for path in (tmp_path / "library" / "clips").iterdir()] == ["台" * 60 + ".mp4"]
-
-
-PIECES = ("api", "shots", "library", "clips", "paths", "jobs", "trash", "restore", "file", "slow.mp4", "lan", "code",
-          "cancel", "thumbnail", "preview", "..", "", "%00", "index.html", "sessions", "ask", "status")  # fmt: skip
-METHODS = ("GET", "HEAD", "POST", "PUT", "DELETE", "PATCH", "OPTIONS", "TRACE", "FOO")
-HEADERS = ("content-length", "content-type", "origin", "range", "if-match", "cookie", "transfer-encoding", "host")
-JSON_VALUES = (None, 0, -1, 1e400, "", "\0", "/", [], {}, [[[]]], True, "x" * 3000, "\ud800")
-
-
-def make_text(rng: Random, longest: int = 12) -> str:
-    """Make a text of letters from anywhere in Unicode."""
-    return "".join(chr(rng.choice((rng.randrange(128), rng.randrange(0xD800)))) for _ in range(rng.randrange(longest)))
-
-
-def make_body(rng: Random) -> bytes:
-    """Make a body: bytes, a clip, or JSON with the keys that the server knows and any values."""
-    keys = rng.sample(["path", "question", "a", "b", "action", "shots", "frame", "at"], 3)
-    document = {key: rng.choice((*JSON_VALUES, make_text(rng))) for key in keys}
-    return rng.choice((rng.randbytes(rng.randrange(300)), MP4_HEADER, json.dumps(document).encode(), b"[" * 5000))
-
-
-def test_malformed_requests_are_answered_in_one_sentence_and_change_nothing_outside(
-    visitor: Visitor, tmp_path: Path
-) -> None:
-    rng, shot = Random(0), find_shot(visitor)
-    for _ in range(400):
-        parts = [rng.choice((*PIECES, shot, shot, make_text(rng))) for _ in range(rng.randrange(1, 5))]
-        path = rng.choice(("", "api/", f"api/shots/{shot}/")) + "/".join(parts)
-        if path.startswith("api/shots/") and rng.random() < 0.2:
-            path = path.rpartition("/")[0]
-        words = "&".join(f"{key}={quote(make_text(rng))}" for key in rng.sample(("name", "modified", "code"), 2))
-        sent = {key: rng.choice((make_text(rng), "1e9", "-1", "bytes=9-1")) for key in rng.sample(HEADERS, 2)}
-        headers = {key: text.encode("latin-1", "replace").decode("latin-1") for key, text in sent.items()}
-        method = rng.choice(METHODS)
-        reply = visitor.ask(method, f"{path}?{words}", make_body(rng), **headers)
-        assert 200 <= reply.status != 500, (method, path, reply.body)
-        if b'"undo"' in reply.body:
-            visitor.library.restore(reply.document["undo"])  # later requests ask about it too
-        if reply.status >= 400 and method != "HEAD":
-            assert is_sentence(reply), (method, path, reply.body)
-    assert (tmp_path / "secret.txt").read_text() == "secret"
-    assert {path.name for path in tmp_path.iterdir()} == {"secret.txt", "library"}
-
-
-def is_sentence(reply: Reply) -> bool:
-    """Whether a refusal is one line of prose without a trace of the program."""
-    sentence = reply.sentence if reply.document.keys() == {"error"} else ""
-    return "\n" not in sentence and sentence.endswith(".") and "Traceback" not in sentence
 
 
 def test_a_clip_is_uploaded_and_queued(visitor: Visitor) -> None:
@@ -376,7 +299,7 @@ def test_the_standard_port_need_not_be_named(visitor: Visitor, monkeypatch: pyte
 def test_nothing_is_paired_without_the_option(visitor: Visitor, tmp_path: Path) -> None:
     from pipeline.app.app_server import build_app
 
-    visitor.app = build_app(visitor.library, visitor.queue, visitor.keys)
+    visitor.app = build_app(visitor.library, visitor.queue, visitor.keys, Starlette())
     assert visitor.ask("POST", "api/lan/code").status == 409
 
 

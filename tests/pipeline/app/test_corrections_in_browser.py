@@ -107,6 +107,8 @@ def test_keys_place_a_ball_and_move_a_corner(page: ShotPage) -> None:
     wait_on(page.browser).until(lambda b: b.find_element(By.ID, "undo").is_enabled())
     page.press("z")
     assert page.wait_for_revision(2) == Corrections()
+    wait_for_corrections(page.server, page.shot)
+    wait_on(page.browser).until(lambda b: b.find_element(By.ID, "redo").is_enabled())  # the page has drawn that too
     corner = page.browser.find_elements(By.CSS_SELECTOR, ".corner")[2]
     page.browser.execute_script("arguments[0].focus()", corner)
     page.press(Keys.ARROW_RIGHT, Keys.ARROW_RIGHT)

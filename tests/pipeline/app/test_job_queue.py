@@ -130,6 +130,24 @@ def test_a_killed_server_leaves_its_jobs_to_the_next(tmp_path: Path, runs: type[
     assert len(runs.jobs) == 2
 
 
+def test_the_clip_of_a_cancelled_job_goes_when_nobody_can_retry_it(
+    tmp_path: Path, runs: type[FakeProcess], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clips, upload, film = tmp_path / "library" / "clips", write_clip(tmp_path, "upload.mp4"), write_clip(tmp_path)
+    with open_queue(tmp_path / "library") as queue:
+        runs.hold.clear()
+        jobs = queue.add_clip(clips / "upload.mp4", upload)["id"], queue.add_clip(film)["id"]
+        for job in jobs:
+            queue.cancel(job)
+        assert (clips / "upload.mp4").exists()
+        runs.hold.set()
+        monkeypatch.setattr(job_queue, "KEEP_DONE_S", 0.0)
+        end = time.monotonic() + LONGEST_S
+        while list((tmp_path / "library" / ".trueroll-app" / "queue").glob("*.json")) and time.monotonic() < end:
+            time.sleep(0.01)
+        assert (list(clips.iterdir()), film.exists()) == ([], True), "a clip that was named by its path stays"
+
+
 def test_two_servers_show_one_queue_and_one_of_them_works(tmp_path: Path, runs: type[FakeProcess]) -> None:
     root = tmp_path / "library"
     with open_queue(root) as first:

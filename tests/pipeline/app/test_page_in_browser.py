@@ -260,8 +260,8 @@ def test_two_thousand_shots_are_filtered_and_scrolled_at_once(
     browser: webdriver.Chrome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     cards = [
-        Card(f"{k:04d}", f"take {k:04d}", "shot", "2026-01-02T03:04:05+00:00", 0.0, "pool-9ft", 6, 3.0, "high",
-             "The cue ball hit red 3 first", False, "done", "", "report.html", 1000)
+        Card(f"{k:04d}", f"take {k:04d}", f"take {k:04d}", "shot", "2026-01-02T03:04:05+00:00", 0.0, "pool-9ft", 6,
+             3.0, "high", "The cue ball hit red 3 first", False, "done", "", "report.html", 1000)
         for k in range(CARDS)
     ]  # fmt: skip
     monkeypatch.setattr(ShotLibrary, "list_cards", lambda _: cards)

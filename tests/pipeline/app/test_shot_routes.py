@@ -24,6 +24,7 @@ import pipeline.app.open_shots as open_shots
 import trueroll
 from models.core.number_format import format_measured
 from models.core.shot import Shot
+from pipeline.actions.play_otherwise import PLAYS
 from pipeline.app.shot_document import describe_shot
 from pipeline.app.shot_library import ShotLibrary
 from pipeline.editing.edited_clip import EditedClip
@@ -186,7 +187,7 @@ def test_a_stroke_that_is_not_changed_follows_the_film_and_one_that_is_turned_do
     shot = read_shot(page.folder)
     same = page.post("/what-if")
     assert same["sentences"][0].startswith("Nothing is changed. In the film: the white ")
-    assert (same["is_final"], same["model"], same["draws"]) == (True, "segments", open_shots.DRAWS)
+    assert (same["is_final"], same["model"], same["draws"]) == (True, "segments", PLAYS)
     strike = same["t"]
     k = shot.tracks.ids.index("white")
     real = shot.tracks.xy[:, k]
@@ -198,6 +199,8 @@ def test_a_stroke_that_is_not_changed_follows_the_film_and_one_that_is_turned_do
     row = int(np.argmin(np.abs(shot.tracks.t - strike - 0.2)))
     t = float(shot.tracks.t[row])
     assert place(same, t) == pytest.approx(real[row], abs=0.01)
+    quick = page.post("/what-if", is_quick=True)
+    assert (quick["is_final"], quick["draws"]) == (False, open_shots.QUICK_PLAYS), "all plays are asked for next"
     turned = page.post("/what-if", angle_deg=90.0)
     start, before, after = place(same, strike), real[row] - place(same, strike), place(turned, t) - place(same, strike)
     assert np.hypot(*after) == pytest.approx(np.hypot(*before), rel=0.05)
@@ -210,16 +213,22 @@ def test_a_stroke_that_is_not_changed_follows_the_film_and_one_that_is_turned_do
 @pytest.mark.parametrize(
     ("body", "sentence"),
     [
-        ({"speed_percent": -100}, "--speed is a change of -99% to +200%"), ({"speed_percent": "fast"}, "is a number."),
+        ({"speed_percent": -100}, "The speed is a change of -99%"), ({"speed_percent": "fast"}, "is a number."),
         ({"stroke": 7}, "shot 6 is not among them"), ({"stroke": 1.5}, "stroke is the number of a stroke"),
-        ({"game": "pot"}, "--game pot needs a table with pockets"), ({"spread": "wide"}, "--spread is a share"),
-        ({"top_percent": True}, "top_percent is a number."), ({"game": "darts"}, "--game is one of pot, carom"),
+        ({"game": "pot"}, "The game pot needs a table"), ({"spread": "wide"}, "The player's spread is a share"),
+        ({"top_percent": True}, "top_percent is a number."), ({"game": "darts"}, "The game is one of pot, carom"),
         ({"angle_deg": float("nan")}, "angle_deg is a number."),
     ],
 )  # fmt: skip
 def test_a_change_that_cannot_be_played_gets_one_sentence(body: object, sentence: str, page: ShotPage) -> None:
     reply = page.ask("POST", "/what-if", body)
     assert (reply.status, sentence in reply.sentence) == (422, True), reply.sentence
+
+
+def test_the_chances_are_those_of_the_command(page: ShotPage, home: Home, tmp_path: Path) -> None:
+    expected = trueroll.what_if(page.folder, speed="+10%", out=tmp_path)
+    answer = page.post("/what-if", speed_percent=10.0)
+    assert [one["probability"] for one in answer["chance"].values()] == [one.value for one in expected.quantities]
 
 
 def test_frames_are_those_of_the_clip(page: ShotPage, home: Home) -> None:
@@ -243,7 +252,7 @@ def test_a_prediction_is_that_of_the_command(page: ShotPage, tmp_path: Path) -> 
     for one in answer["spread"]:
         assert [one["x"], one["y"]] == pytest.approx([ends[one["id"]]["x"], ends[one["id"]]["y"]])
     assert answer["paths"][0]["t"][-1] == pytest.approx(answer["at"] + 3.0, abs=1e-3)
-    refused = {"--at lies within what was seen": {"at": 99.0}, "seconds is above 0": {"seconds": 1e6},
+    refused = {"The moment lies within what was seen": {"at": 99.0}, "seconds is above 0": {"seconds": 1e6},
                "Nothing moves at this moment; choose one after the stroke.": {"at": 0.1}}  # fmt: skip
     for sentence, body in refused.items():
         reply = page.ask("POST", "/predict", body)

@@ -47,7 +47,7 @@ def test_a_table_that_may_be_eight_or_nine_feet_gives_a_warning_with_the_effect_
     (doubt,) = guess.warnings
     assert doubt.startswith(ALTERNATIVES_PREFIX)
     named = doubt.removeprefix(ALTERNATIVES_PREFIX).split()[0]
-    assert doubt.endswith(f"If you know the size, run it again with it, such as --table {named}.")
+    assert doubt.endswith(f"If you know the size, run it again with the table stated, such as {named}.")
     if guess.table.name == "pool-8ft":
         assert "pool-9ft (every length and speed 14 % larger)" in doubt
     else:

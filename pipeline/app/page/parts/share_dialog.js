@@ -22,20 +22,22 @@ export function ShareDialog({ shot, onClose }) {
       <h2 id="share-title">${text.share.title}</h2>
       ${error ? html`<p role="alert">${error}</p>` : !files ? html`<p role="status">${text.share.making}</p><progress
         aria-label=${text.share.making}></progress>`
-        : html`<p>${text.share.ready}</p><ul>${files.map((file) => html`<${SharedFile} key=${file.name} file=${file} />`)}
+        : html`<p>${text.share.ready}</p><ul>${files.map((file) => html`<${SharedFile} key=${file.name} file=${file}
+          name=${`${shot.doc.name} ${file.name}`} />`)}
           </ul>`}
       <button class="main" onClick=${() => dialog.current.close()}>${text.app.close}</button>
     </div></dialog>`;
 }
 
-function SharedFile({ file }) {
+/** A file under a name that says of which shot it is, so that those of several shots do not collide. */
+function SharedFile({ file, name }) {
   return html`<li><span class="file-name">${text.share.files(file.name)}
-    <small>${file.name}${file.bytes ? ` · ${text.bytes(file.bytes)}` : ""}</small></span>
-    <a class="button" href=${file.address} download=${file.name}>${text.share.save}</a>
-    ${navigator.canShare && html`<button onClick=${() => sendFile(file)}>${text.share.send}</button>`}</li>`;
+    <small>${name}${file.bytes ? ` · ${text.bytes(file.bytes)}` : ""}</small></span>
+    <a class="button" href=${file.address} download=${name}>${text.share.save}</a>
+    ${navigator.canShare && html`<button onClick=${() => sendFile(name, file.address)}>${text.share.send}</button>`}</li>`;
 }
 
-async function sendFile({ name, address }) {
+async function sendFile(name, address) {
   const content = await (await fetch(address)).blob();
   const files = [new File([content], name, { type: content.type })];
   if (navigator.canShare({ files })) await navigator.share({ files }).catch((error) => { if (error.name !== "AbortError") throw error; });

@@ -1,11 +1,14 @@
 // The same shot played otherwise: sliders, and the paths on the plan.
 import { html, useEffect, useRef, useState } from "../html.js";
 import { post } from "../api.js";
+import { Preparing } from "../parts/preparing.js";
 import { useStore } from "../store.js";
 import { text } from "../strings.js";
 
 // ms after the last move of a slider until the shot is played.
 const WAIT_MS = 120;
+// ms after a first answer from a few plays until that from all is asked for; the sliders may move on.
+const ALL_MS = 400;
 // ms until a better answer may be there: contact models of the whole shot are found while the first one is shown.
 const BETTER_MS = 10_000;
 // Share of the plays from which an event is listed.
@@ -23,16 +26,19 @@ export function PlayTab({ shot }) {
   const timer = useRef(0);
   useEffect(() => () => { clearTimeout(timer.current); running.current?.abort(); shot.desk.set({ played: null }); }, [shot]);
 
-  const request = async (path, body) => {
+  const request = async (path, body, isBetter = false) => {
     running.current?.abort();
     const control = new AbortController();
     running.current = control;
-    setIsBusy(true);
+    setIsBusy(!isBetter); // a first answer is shown already
     setError("");
     try {
       const played = await post(shot.address(path), body, control.signal);
       shot.desk.set({ played });
-      if (played.is_final === false) timer.current = setTimeout(() => request(path, body), BETTER_MS);
+      if (played.is_final === false) {
+        const { is_quick: isQuick, ...all } = body;
+        timer.current = setTimeout(() => request(path, all, true), isQuick ? ALL_MS : BETTER_MS);
+      }
     } catch (one) {
       if (one.name !== "AbortError") setError(one.message);
     } finally {
@@ -43,7 +49,7 @@ export function PlayTab({ shot }) {
     const next = { ...change, [name]: value };
     setChange(next);
     clearTimeout(timer.current);
-    timer.current = setTimeout(() => request("what-if", next), WAIT_MS);
+    timer.current = setTimeout(() => request("what-if", { ...next, is_quick: true }), WAIT_MS);
   };
   const reset = () => {
     clearTimeout(timer.current);
@@ -65,7 +71,7 @@ export function PlayTab({ shot }) {
     </section>
     <section aria-live="polite" aria-busy=${isBusy}><h2>${text.play.result}</h2>
       ${error && html`<p role="alert">${error}</p>`}
-      ${isBusy ? html`<p class="small">${text.play.busy}</p><progress aria-label=${text.play.busy}></progress>`
+      ${isBusy ? html`<p class="small">${text.play.busy}</p><progress aria-label=${text.play.busy}></progress><${Preparing} />`
       : !played && !error && html`<p class="small">${text.play.hint}</p>`}
       ${played && html`<div class=${isBusy ? "busy" : ""}>${played.chance ? html`<${Plays} played=${played} />`
         : (played.sentences ?? []).map((one) => html`<p key=${one}>${one}</p>`)}</div>`}

@@ -8,6 +8,7 @@ import { DropZone } from "./drop_zone.js";
 import { FilterBar } from "./filter_bar.js";
 import { NO_FILTER, filterShots, indexShots } from "./library_filter.js";
 import { Queue } from "./queue.js";
+import { RenameDialog } from "./rename_dialog.js";
 import { TrashDialog } from "./trash_dialog.js";
 
 const SESSION_ACTIONS = ["compare", "certify", "diagnose"];
@@ -43,6 +44,7 @@ export function LibraryView() {
 }
 
 function SelectionBar({ picked, onClear }) {
+  const [isRenaming, setIsRenaming] = useState(false);
   const ids = picked.map((one) => one.id);
   const isOfShots = picked.every((one) => SHOTS.has(one.kind)); // pages that commands wrote can be deleted only
   const start = (action) => startSession(action, ids).then(() => {
@@ -51,10 +53,12 @@ function SelectionBar({ picked, onClear }) {
     scrollTo({ top: 0, behavior: "smooth" });
   }).catch(notifyError);
   return html`<section class="selection-bar" aria-label=${text.library.selection}>
-    <strong aria-live="polite">${text.library.selected(picked.length)}</strong>
+    <strong aria-live="polite">${text.library.selected(picked.length, isOfShots)}</strong>
     ${SESSION_ACTIONS.map((action) => html`<button key=${action} title=${text.library.actionHelp[action]}
       disabled=${!isOfShots || action === "compare" && ids.length < 2} onClick=${() => start(action)}>${text.library.actions[action]}
         </button>`)}
+    ${isOfShots && picked.length === 1 && html`<button onClick=${() => setIsRenaming(true)}>${text.library.rename}</button>`}
+    ${isRenaming && html`<${RenameDialog} card=${picked[0]} onClose=${() => setIsRenaming(false)} />`}
     <button class="danger" onClick=${() => deleteShots(ids).then(onClear)}>${text.library.delete}</button>
     <button class="plain" onClick=${onClear}>${text.library.clearSelection}</button>
   </section>`;

@@ -3,6 +3,7 @@ import { html, useEffect, useMemo, useState } from "../html.js";
 import { AnswerCard } from "../parts/answer_card.js";
 import { AskForm } from "../parts/ask_form.js";
 import { Plan } from "../parts/plan.js";
+import { Preparing } from "../parts/preparing.js";
 import { ShareDialog } from "../parts/share_dialog.js";
 import { Stage } from "../parts/stage.js";
 import { Timeline } from "../parts/timeline.js";
@@ -43,7 +44,9 @@ export function ShotView({ id }) {
     return () => document.removeEventListener("keydown", listener);
   }, [shot]);
   if (error) return html`<p class="nothing" role="alert">${error} <a href=${routeTo("library")}>${text.shot.back}</a></p>`;
-  if (!doc || !shot.player) return html`<p class="loading" role="status">${text.shot.loading}</p>`;
+  if (!doc || !shot.player) {
+    return html`<div class="loading"><p role="status">${text.shot.loading}</p><${Preparing} /></div>`;
+  }
   return html`<div class=${`shot ${tab}`}>
     <${ShotHead} shot=${shot} doc=${doc} />
     <div class="watch"><${Stage} shot=${shot} /><${Timeline} shot=${shot} /></div>

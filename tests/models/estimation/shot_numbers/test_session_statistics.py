@@ -8,6 +8,7 @@ import pytest
 from models.core.fit_result import ShotNumber, ShotNumbers
 from models.estimation.shot_numbers.session_statistics import (
     collect_session_numbers,
+    compute_range_coverage,
     estimate_player_spread,
     summarize_series,
 )
@@ -69,3 +70,11 @@ def test_the_spread_of_a_player_wraps_around_the_circle() -> None:
 def test_one_shot_has_no_spread() -> None:
     with pytest.raises(ValueError, match="two shots"):
         estimate_player_spread([make_shot(2.0, 1.0)])
+
+
+def test_the_range_of_few_shots_holds_the_median_as_often_as_computed() -> None:
+    rng = np.random.default_rng(0)
+    for count in (1, 2, 3, 6):
+        values = rng.standard_normal((20_000, count))
+        share = float(np.mean((values.min(axis=1) < 0) & (values.max(axis=1) > 0)))
+        assert compute_range_coverage(count) == pytest.approx(share, abs=0.01)
