@@ -57,9 +57,9 @@ _BOUNCE_HEIGHT = 0.01
 # m by which a hit is away from the player's feet, to either side: an arm, a racket and a jump. Beyond so many times
 # that, the distance counts less: the feet of someone who is half hidden are not seen. s within which people are seen.
 _ARM, _PLAYER_SCALE, _PLAYER_TIME = 1.1, 2.0, 0.15
-# Parameters of a flight that the flights of a clip have in common: drag, its exponent, and lift by lag; and the share
-# of what is not known of the last two by which they differ from flight to flight.
-_SHARED, _FLIGHT_SHARE = (DRAG, DRAG_EXPONENT, LAG_LIFT), 0.2
+# Parameters of a flight that the flights of a clip have in common: drag, its exponent, drag of the turn-over, and lift
+# by lag; and the share of what is not known of all but the first by which they differ from flight to flight.
+_SHARED, _FLIGHT_SHARE = (DRAG, DRAG_EXPONENT, TURN_DRAG, LAG_LIFT), 0.2
 SHARED_COUNT = len(_SHARED)
 # m/s along the court from which it is clear which way the object flies.
 _WAY_SOFTNESS = 1.0
@@ -271,7 +271,7 @@ class _Problem:
 
     def _add_prior(self, k: int, values: FloatArray, part: slice, mean: FloatArray, sigma: FloatArray) -> None:
         kind, is_joined, start = self.structure.kinds[k], self.structure.joined[k], part.start
-        used = [*LIFT, TURN_DRAG]
+        used = [*LIFT]
         if kind in (None, "hit") or not is_joined:
             used += [3, 4, 5]
         if not is_joined:
