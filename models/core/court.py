@@ -118,6 +118,8 @@ class Sport:
     """m above the floor up to which players hit."""
     surroundings: tuple[float, float] = (4.0, 3.0)
     """m behind the ends and beside the sides of the court in which players hit."""
+    bounces: tuple[int, int] = (0, 0)
+    """Least and largest number of bounces on the half of a player before the object is hit back."""
     serves_on_own_half: bool = False
     """Whether a service first touches the half of the server, and then the other."""
     is_filmed_from_side: bool = False

@@ -42,6 +42,7 @@ SPORT = Sport(
     floor=-HEIGHT,
     reach=2.6,
     surroundings=(3.0, 2.0),
+    bounces=(1, 1),
     serves_on_own_half=True,
     is_filmed_from_side=True,
 )  # fmt: skip

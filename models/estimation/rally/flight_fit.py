@@ -33,6 +33,7 @@ from models.estimation.rally.flight_observations import (
     weigh_by_law,
 )
 from models.estimation.rally.flight_segmentation import RallyHypothesis
+from models.estimation.rally.play_order import locate_event, weigh_order
 from models.estimation.rally.single_flight import (
     DRAG,
     DRAG_EXPONENT,
@@ -179,7 +180,17 @@ def refine_fit(
     if not np.isfinite(log_determinant):
         return None  # nothing holds one of its values
     evidence = -0.5 * best.cost + problem.normalizer + 0.5 * len(free) * np.log(2 * np.pi) - 0.5 * log_determinant
+    where = locate_events(structure, best.point, invert_semidefinite(information), sport)
+    evidence += weigh_order(structure.kinds, where, ~np.array(structure.joined), sport)
     return RallyFit(structure, best.point, information, best.cost, float(evidence))
+
+
+def locate_events(structure: RallyStructure, values: FloatArray, covariance: FloatArray, sport: Sport) -> FloatArray:
+    """Compute the probabilities (F, 3), see `locate_event`, of where the flights of a fit begin."""
+    x = SHARED_COUNT + PARAMETER_COUNT * np.arange(len(structure))
+    sigma = np.sqrt(np.maximum(covariance[x, x], 0.0))
+    is_off = (structure.heights < 0) & (np.array(structure.kinds) == "bounce")
+    return locate_event(values[x], sigma, is_off, sport)
 
 
 def assign_times(t: FloatArray, structure: RallyStructure, values: FloatArray) -> list[IntArray]:

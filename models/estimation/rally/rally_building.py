@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import ndtr
 
 from models.core.court import Sport
 from models.core.court_camera import CourtScene
@@ -251,7 +252,8 @@ def _finish(
     """Add the contact with the ground that ends the last flight, and return the landing of the rally."""
     has_landed = bool(events) and events[-1].kind == "landing"
     contact = None if has_landed else predict_landing(flights[-1], sport, last_seen, interval)
-    if contact is not None and contact.t <= clip_end + interval and contact.weight > 0.5:
+    within = 0.0 if contact is None else contact.weight * float(ndtr((clip_end - contact.t) / contact.t_sigma))
+    if contact is not None and within > 0.5:
         flight = flights[-1]
         path = fly_flight(flight, np.array([contact.t]), sport.object)
         velocity, by = path.states[0, 3:], path.derivatives[0, 3:]
@@ -259,7 +261,7 @@ def _finish(
         spread = float(np.sqrt(velocity @ by @ flight.covariance @ by.T @ velocity)) / max(speed, 1e-9)
         events.append(
             RallyEvent(
-                name_contact(sport), contact.t, contact.t_sigma, contact.place, contact.covariance, contact.weight,
+                name_contact(sport), contact.t, contact.t_sigma, contact.place, contact.covariance, within,
                 speed, spread,
             )
         )  # fmt: skip

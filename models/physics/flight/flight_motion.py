@@ -2,10 +2,10 @@
 
 The acceleration of a ball is -g z - k |v| v + |v| l x v with drag k, at a speed of 10 m/s, and lift l; at other speeds
 the drag is k (|v| / 10 m/s)^n. A shuttle turns over after a hit, over a length of path and not a time, since the air
-turns it (Cohen et al. 2015, doi:10.1088/1367-2630/17/6/063001). Its nose first points back, as slender as ahead; then it
-lies across the path: at a length s of path its drag is larger by the factor 1 + c u^2 exp(-u) / 2 with u = 4 s / L. It is
-lifted by exp(-s / L) l. Its nose lags behind its bending path by an angle that the air keeps in balance; the side force
-of that angle carries a share `lag_lift` of the part of gravity that bends the path.
+turns it (Cohen et al. 2015, doi:10.1088/1367-2630/17/6/063001). Its nose first points back, as slender as ahead; then
+it lies across the path: at a length s of path its drag is larger by the factor 1 + c u^2 exp(-u) / 2 with u = 4 s / L.
+It is lifted by exp(-s / L) l. Its nose lags behind its bending path by an angle that the air keeps in balance; the side
+force of that angle carries a share `lag_lift` of the part of gravity that bends the path.
 That share counts from the hit on, though the balance is reached only as the turn-over fades. The derivatives obey the
 variational equations (Hairer, Norsett, Wanner 1993, section I.14), integrated together with the state.
 """
