@@ -18,7 +18,7 @@ from models.estimation.rally.guided_association import GATE, Sight, observe_cand
 from models.estimation.rally.landing_hypotheses import find_landing, predict_landing
 from models.estimation.rally.rally_views import is_on_surface
 from models.numerics.least_squares import invert_semidefinite
-from models.numerics.statistics import measure_lack_of_fit
+from models.numerics.statistics import correlation_factor, measure_lack_of_fit
 from models.physics.flight.flight_motion import PARAMETER_COUNT, fly, fly_flight
 
 # Steps of differences by the parameters of a camera: m, rad, logarithm of the focal length, k1.
@@ -46,7 +46,7 @@ def _estimate_covariance(
 ) -> tuple[FloatArray, list[float], BoolArray]:
     """Estimate the covariance of all values, chi2 per degree of freedom of each flight, and which places were used.
 
-    What residuals exceed their nominal errors by raises the covariance; the errors of the camera, which all
+    The covariance is scaled by the size of the residuals in nominal errors; the errors of the camera, which all
     observations share, are added (consider covariance: Bierman 1977, section VIII.2).
     """
     camera, sport = scene.camera, scene.sport
@@ -81,7 +81,9 @@ def _estimate_covariance(
             pull[columns, j] += np.einsum("nip,ni,n->p", by, change, slope**2)
     covariance = invert_semidefinite(fit.information)
     free = min(6 * count, max(sum(2 * len(rows) for rows in rows_of) - 1, 0))
-    _, inflation = measure_lack_of_fit(series, free)
+    chi2_all, _ = measure_lack_of_fit(series, free)
+    # a clip has hundreds of places: they tell how large their errors are, be it less than a detector claims
+    inflation = chi2_all * correlation_factor(series) if np.isfinite(chi2_all) else 1.0
     moved_by = covariance @ pull
     return covariance * inflation + moved_by @ camera.covariance @ moved_by.T, chi2, used
 

@@ -89,6 +89,20 @@ def revise_structure(observed: FlightObservations, sport: Sport, fit: RallyFit) 
         The best explanation found, its rivals and doubts.
     """
     past: dict[tuple[object, ...], _Trial | None] = {}
+    revision = _improve(observed, sport, fit, past)
+    for _ in range(_MOST_PASSES):
+        # a rival that was fitted wholly may have come out better than it seemed beside its neighbours alone
+        better = max(revision.rivals, key=lambda rival: weigh_fit(rival, observed), default=revision.best)
+        if weigh_fit(better, observed) <= weigh_fit(revision.best, observed):
+            break
+        revision = _improve(observed, sport, better, past)
+    return revision
+
+
+def _improve(
+    observed: FlightObservations, sport: Sport, fit: RallyFit, past: dict[tuple[object, ...], _Trial | None]
+) -> Revision:
+    """Take over what explains the clip better, until nothing does."""
     best, trials = fit, _try_variants(observed, sport, fit, past)
     for _ in range(_MOST_PASSES):
         gains = _select_gains(trials)
@@ -253,7 +267,7 @@ def _vary(
     for k in range(1, count):
         if not structure.joined[k]:
             continue
-        doubtful = is_short[k - 1] or is_short[k]
+        doubtful = is_short[k - 1] or is_short[k] or structure.kinds[k] == "net"
         if structure.kinds[k] == "hit" and not doubtful:
             place, way = values[flight_slice(k)][[0, 3]]
             came = fly(values[flight_slice(k - 1)], starts[[k]] - starts[k - 1], structure.turn_length(k - 1, sport))
@@ -293,17 +307,15 @@ def _merge(fit: RallyFit, k: int, is_later_longer: bool, sport: Sport) -> tuple[
 
 
 def _flip(observed: FlightObservations, fit: RallyFit, k: int, sport: Sport) -> list[tuple[RallyStructure, FloatArray]]:
-    """Take a bounce or a touch of the net for a hit, or a hit for a bounce or a touch of the net where one might be."""
+    """Take an event for one of another kind: a bounce or a touch of the net only where one might be."""
     structure, kinds = fit.structure, list(fit.structure.kinds)
-    if kinds[k] in ("bounce", "landing", "net"):
-        kinds[k] = "hit"
-        return [(replace(structure, kinds=tuple(kinds)), fit.values.copy())]
+    x, row, stated = float(fit.values[flight_slice(k)][0]), flight_slice(k).start, kinds[k]
+    is_at_net = abs(x - sport.length / 2) < _FAR_SIGMAS * np.sqrt(max(fit.covariance[row, row], 0.0)) + NET_DEPTH
     variants = []
-    x, row = float(fit.values[flight_slice(k)][0]), flight_slice(k).start
-    if abs(x - sport.length / 2) < _FAR_SIGMAS * np.sqrt(max(fit.covariance[row, row], 0.0)) + NET_DEPTH:
-        kinds[k] = "net"
+    if stated != "hit" or is_at_net:
+        kinds[k] = "net" if stated == "hit" else "hit"
         variants.append((replace(structure, kinds=tuple(kinds)), fit.values.copy()))
-    changed = _pin_event(observed, fit, structure, k, sport)
+    changed = _pin_event(observed, fit, structure, k, sport) if stated in ("hit", "net") else None
     if changed is None:
         return variants
     # nobody plays on after a landing: what follows it are hops
