@@ -1,4 +1,4 @@
-"""Hypotheses of courts: a table that is seen flat stays possible though its lines are a px off, and other shapes do not."""
+"""Hypotheses of courts: a table that is seen flat stays possible though its lines are a px off; other shapes do not."""
 
 import numpy as np
 
@@ -34,4 +34,4 @@ def test_a_table_seen_flat_is_proposed_though_its_lines_are_a_px_off():
 
 
 def test_a_quadrangle_of_another_shape_is_not_proposed():
-    assert find_nearest(FOUND + [[[150.0, 0.0]], [[0.0, 0.0]]]) == np.inf
+    assert find_nearest(FOUND + np.array([[[150.0, 0.0]], [[0.0, 0.0]]])) == np.inf
