@@ -12,6 +12,7 @@ from models.core.court_camera import CourtScene
 from models.core.progress import Progress
 from models.core.rally import BallCandidates, Rally, RallyEvent, RallyEventKind
 from models.core.typing import FloatArray, IntArray
+from models.estimation.rally.event_chances import SLIP
 from models.estimation.rally.event_evidence import name_contact
 from models.estimation.rally.flight_fit import (
     RallyFit,
@@ -35,8 +36,6 @@ from models.estimation.rally.rally_revision import WORST_RIVAL, Doubt, leave_out
 # Natural logarithm of the probability that an explanation is right although another fits better by as much: evidence
 # is computed from a model that is never wholly true, and so counts by half.
 _EVIDENCE_SHARE = 0.5
-# Probability that an event is wrong although no other explanation is near: learned beside it.
-_SLIP = 0.005
 # s between flights up to which they follow each other at once.
 _SAME_TIME = 1e-6
 # Largest number of rival explanations.
@@ -186,7 +185,7 @@ def _follow_rules(rally: Rally, events: list[RallyEvent]) -> list[RallyEvent]:
         chances = judge_order(
             tuple(event.kind for event in part),
             locate_event(x, sigma, is_off & (sport.floor < 0), sport),
-            (1 - _SLIP) * np.array([event.probability for event in part]),
+            (1 - SLIP) * np.array([event.probability for event in part]),
             sport,
         )
         for k, chance in zip(rows, chances, strict=True):

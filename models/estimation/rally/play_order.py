@@ -15,10 +15,8 @@ from scipy.special import ndtr
 from models.core.court import Sport
 from models.core.rally import RallyEventKind
 from models.core.typing import BoolArray, FloatArray
+from models.estimation.rally.event_chances import DEPARTURE
 
-# Probability that an event departs from the rules: play after a fault, or a mishit. Learned by
-# `benchmarks.calibrate_rallies`.
-DEPARTURE = 1e-4
 # States: before the service; then, for each player, a service that has yet to touch the own half, an object that comes,
 # one that touched the net, and one that bounced on the other half; and the rally is over.
 _BEFORE, _SERVED, _FLYING, _TOUCHED, _BOUNCED, _OVER = 0, 1, 2, 3, 4, 9

@@ -11,6 +11,7 @@ from models.core.court import Sport
 from models.core.court_camera import CourtScene
 from models.core.rally import BallCandidates, Flight, LandingHypothesis, Rally, RallyEvent, RallyEventKind
 from models.core.typing import BoolArray, FloatArray, IntArray
+from models.estimation.rally.event_chances import LOW_HIT, UNSEEN_START
 from models.estimation.rally.event_evidence import name_contact
 from models.estimation.rally.flight_fit import RallyFit, assign_times, flight_slice, start_row
 from models.estimation.rally.flight_observations import bound_residuals, compare_places, weigh_by_law
@@ -23,11 +24,8 @@ from models.physics.flight.flight_motion import PARAMETER_COUNT, fly, fly_flight
 
 # Steps of differences by the parameters of a camera: m, rad, logarithm of the focal length, k1.
 _CAMERA_STEPS = np.array([0.01, 0.01, 0.01, 1e-4, 1e-4, 1e-4, 1e-4, 1e-3])
-# Probability of a hit of which only the flight behind it is seen.
-_UNSEEN_START = 0.8
-# Probability of a hit within this height, m, and four standard deviations of the surface: few strokes are so low, and
-# in foreign simulations those that were wrong were bounces there.
-_LOW_HIT, _LOW_HEIGHT = 0.9, 0.1
+# m above four standard deviations of the surface, up to which a hit may be a bounce.
+_LOW_HEIGHT = 0.1
 # Places from which the looks of a flight are judged: a hit blurs two or three.
 _JUDGED_PLACES = 4
 # s before a flight in which the object may last have been seen, in a hand.
@@ -177,14 +175,14 @@ def _build_event(
         float(np.sqrt(block[-1, -1])),
         p[:3].copy(),
         block[:3, :3].copy(),
-        chance * (_LOW_HIT if kind == "hit" and _is_low(p[:3], float(np.sqrt(block[2, 2])), sport) else 1.0),
+        chance * (LOW_HIT if kind == "hit" and is_low(p[:3], float(np.sqrt(block[2, 2])), sport) else 1.0),
         speed,
         float(np.sqrt(along @ spread @ along)),
         name_player(p[:3], sport) if kind == "hit" else "",
     )
 
 
-def _is_low(place: FloatArray, sigma: float, sport: Sport) -> bool:
+def is_low(place: FloatArray, sigma: float, sport: Sport) -> bool:
     """Check whether a hit is so near the floor or the table that it may be a bounce."""
     levels = [0.0, sport.floor] if is_on_surface(place[:2], sport) else [sport.floor]
     return any(abs(place[2] - level - sport.object.radius) < 4 * sigma + _LOW_HEIGHT for level in levels)
@@ -231,7 +229,7 @@ def _build_first_hit(scene: CourtScene, flight: Flight, rally: Rally, interval: 
         float(spread),
         path.states[0, :3].copy(),
         covariance[:3, :3] + np.outer(velocity, velocity) * spread**2,
-        _UNSEEN_START,
+        UNSEEN_START,
         speed,
         float(np.hypot(np.sqrt(along @ covariance[3:, 3:] @ along), slowing)),
         name_player(path.states[0, :3], sport),

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from models.estimation.rally.play_order import DEPARTURE, judge_order, locate_event, weigh_order
+from models.estimation.rally.event_chances import DEPARTURE
+from models.estimation.rally.play_order import judge_order, locate_event, weigh_order
 from models.sports.sport_catalogue import find_sports
 
 SPORTS = find_sports()
