@@ -19,6 +19,7 @@ from models.estimation.rally.flight_fit import (
     fit_rally,
     flight_slice,
     refine_fit,
+    start_row,
 )
 from models.estimation.rally.flight_observations import (
     FlightObservations,
@@ -36,6 +37,8 @@ from models.estimation.rally.rally_revision import WORST_RIVAL, Doubt, leave_out
 # Natural logarithm of the probability that an explanation is right although another fits better by as much: evidence
 # is computed from a model that is never wholly true, and so counts by half.
 _EVIDENCE_SHARE = 0.5
+# m and s up to which events of the same kinds are the same: far less than two explanations differ by.
+_SAME_PLACE, _SAME_MOMENT = 0.25, 0.02
 # s between flights up to which they follow each other at once.
 _SAME_TIME = 1e-6
 # Largest number of rival explanations.
@@ -120,12 +123,12 @@ def _select_fits(fits: list[RallyFit], observed: FlightObservations) -> list[Ral
 
 
 def _are_same(one: RallyFit, other: RallyFit) -> bool:
-    return (
-        one.structure.kinds == other.structure.kinds
-        and one.structure.joined == other.structure.joined
-        and abs(one.evidence - other.evidence) < 0.5
-        and bool(np.abs(one.values - other.values)[: flight_slice(0).stop].max() < 0.05)
-    )
+    """Check whether two fits are one explanation, of which the search may have stopped at slightly other values."""
+    if one.structure.kinds != other.structure.kinds or one.structure.joined != other.structure.joined:
+        return False
+    off, count = np.abs(one.values - other.values), len(one.structure)
+    places = np.concatenate([off[flight_slice(k)][:3] for k in range(count)])
+    return bool(places.max() < _SAME_PLACE and off[start_row(0, count) :].max() < _SAME_MOMENT)
 
 
 def _build_empty(scene: CourtScene, candidates: BallCandidates, frame: IntArray, t: FloatArray) -> Rally:
