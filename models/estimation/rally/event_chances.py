@@ -1,4 +1,4 @@
-"""How often stated events are right: shares that `benchmarks.calibrate_rallies` measures on simulated rallies."""
+"""How often stated events are right: `benchmarks.calibrate_rallies` measures the same shares on simulated rallies."""
 
 # Of first hits of which only the flight behind them is seen, and of hits so near the ground that they may be bounces.
 UNSEEN_START, LOW_HIT = 0.8, 0.9
