@@ -61,8 +61,8 @@ class FlyingObject:
 
     The acceleration is -g z - k |v| v + |v| l x v, with drag k and a lift l across the path, as
     `models.physics.flight.flight_motion` states in full. After a hit a shuttle
-    turns over: at a length s of path its drag is k (1 + `turn_drag` exp(-s / `turn_length`)), and its lift falls as
-    fast.
+    turns over: at a length s of path its drag is k (1 + `turn_drag` u^2 exp(-u) / 2) with u = 4 s / `turn_length`, and
+    its lift falls as exp(-s / `turn_length`).
     """
 
     name: str
