@@ -61,8 +61,8 @@ class FlyingObject:
 
     The acceleration is -g z - k |v| v + |v| l x v, with drag k and a lift l across the path, as
     `models.physics.flight.flight_motion` states in full. After a hit a shuttle
-    turns over: at a length s of path its drag is k (1 + `turn_drag` exp(-s / `turn_length`)), and its lift falls as
-    fast.
+    turns over: at a length s of path its drag is k (1 + `turn_drag` u^2 exp(-u) / 2) with u = 4 s / `turn_length`, and
+    its lift falls as exp(-s / `turn_length`).
     """
 
     name: str
@@ -118,6 +118,8 @@ class Sport:
     """m above the floor up to which players hit."""
     surroundings: tuple[float, float] = (4.0, 3.0)
     """m behind the ends and beside the sides of the court in which players hit."""
+    bounces: tuple[int, int] = (0, 0)
+    """Least and largest number of bounces on the half of a player before the object is hit back."""
     serves_on_own_half: bool = False
     """Whether a service first touches the half of the server, and then the other."""
     is_filmed_from_side: bool = False

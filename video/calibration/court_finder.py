@@ -13,6 +13,7 @@ from models.core.court import Sport
 from models.core.court_camera import CourtCamera, CourtScene
 from models.core.errors import ClipError, OptionError
 from models.core.progress import Progress
+from models.core.scene import apply_homography
 from models.core.typing import ByteArray, ImageArray
 from models.sports.sport_catalogue import find_sports
 from video.calibration.court_camera_fit import (
@@ -37,6 +38,8 @@ from video.io.clip import Clip, read_frames
 SAMPLED_FRAMES = 15
 # Proposals of each sport that are fitted.
 FITTED_PROPOSALS = 5
+# px by which the corners of a proposal may be wrong.
+PROPOSED_CORNER_SIGMA_PX = 1.5
 # px of seen line that one px of missing line outweighs in a fit.
 MISS_COST = 2.0
 # Least share of the lines' length that is seen, and of a line or of the net that counts as seen: players, posts and the
@@ -187,7 +190,12 @@ def _locate(image: ByteArray, sports: Sequence[Sport], corners: str | None) -> L
     for proposal in propose_courts(small, sports, FITTED_PROPOSALS):
         if scale * best_evidence > proposal.seen_px:
             continue
-        camera = build_court_camera(enlarge @ proposal.homography, proposal.sport, width, height)
+        homography = enlarge @ proposal.homography
+        camera = build_court_camera(homography, proposal.sport, width, height)
+        # lines that are some px off make no camera; the nearest one shows the corners where they are
+        corners_px = apply_homography(homography, proposal.sport.corners)
+        nearest = fit_to_corners(proposal.sport, camera, corners_px, PROPOSED_CORNER_SIGMA_PX).camera
+        camera = nearest if np.isfinite(nearest.parameters).all() else camera
         fit = fit_court_camera(brightness, proposal.sport, camera)
         evidence = _weigh(fit)
         if evidence > best_evidence and _is_court(proposal.sport, fit):

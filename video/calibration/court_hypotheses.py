@@ -30,8 +30,10 @@ MIN_SIDE_PX, CORNER_MARGIN = 20.0, 0.35
 FOCAL_RANGE = (0.35, 12.0)
 FOCAL_STEPS = 24
 # Largest cosine between directions that should be perpendicular, and logarithm of the ratio of lengths to their right
-# ratio, for some focal length: lines that were fitted to a few px of a side of 50 px.
-MAX_COSINE, MAX_LOG_RATIO = 0.06, 0.08
+# ratio, for some focal length; and px by which a corner may be wrong, since a dark edge beside thin paint moves its
+# crest. A table that is seen flat may so seem oblique by more, up to so many times the limits: a quadrangle whose
+# corners tell still less may be anything.
+MAX_COSINE, MAX_LOG_RATIO, CORNER_ERROR_PX, MOST_LOOSENED = 0.06, 0.08, 1.5, 3.0
 # Number of quadrangles, and of hypotheses that are weighed with all points.
 MAX_QUADS, MAX_WEIGHED = 6000, 1500
 # Points on all lines of a court at which a hypothesis is weighed; coarse ones are every eighth.
@@ -41,6 +43,8 @@ COARSE_STEP = 8
 # ridge is there by chance is measured over windows of px, and lies in a range: letters and stands are full of ridges.
 SEEN_PROBABILITY = 0.85
 CHANCE_WINDOW_PX, CHANCE_RANGE = 41, (0.02, 0.6)
+# Orders of its corners in which a court looks the same; its sides do not change places.
+SAME_COURT = ([0, 1, 2, 3], [2, 3, 0, 1], [1, 0, 3, 2], [3, 2, 1, 0])
 # Share of the length of a court below which its paint is not always seen.
 THIN_SHARE = 0.002
 
@@ -104,9 +108,9 @@ def propose_courts(brightness: NDArray[np.float32], sports: Sequence[Sport], cou
     ridges = _map_ridges(points, (height, width))
     proposals: list[CourtHypothesis] = []
     middle = np.array([[1, 0, (width - 1) / 2], [0, 1, (height - 1) / 2], [0, 0, 1.0]])
-    ratios = _possible_ratios(quads, width)
+    ratios, errors = _possible_ratios(quads, width)
     for sport in sports:
-        matrices = middle @ _match_lines(quads, ratios, sport)
+        matrices = middle @ _match_lines(quads, ratios, errors, sport)
         coarse = _weigh_homographies(matrices, sport, ridges, COARSE_STEP)[0]
         matrices = matrices[np.argsort(-coarse, kind="stable")[:MAX_WEIGHED]]
         proposals += _select_distinct(sport, matrices, *_weigh_homographies(matrices, sport, ridges, 1), count)
@@ -247,27 +251,42 @@ def _is_convex(corners: FloatArray) -> NDArray[np.bool_]:
     return np.asarray((turns > 100).all(1) | (turns < -100).all(1))
 
 
-def _possible_ratios(quads: _Quads, width: int) -> FloatArray:
-    """Find the ratios (Q, F) of u to v, in metres, that each focal length allows; NaN where u and v are not square."""
+def _possible_ratios(quads: _Quads, width: int) -> tuple[FloatArray, FloatArray]:
+    """Find the logarithms (Q, F) of the ratios of u to v, in metres, that each focal length allows, and their errors.
+
+    NaN where u and v are not square.
+    """
     focal = width * np.geomspace(*FOCAL_RANGE, FOCAL_STEPS)
-    u, v = (quads.matrix[:, None, :, k] / np.stack([focal, focal, np.ones_like(focal)], -1) for k in (0, 1))
+    cosine, ratio = _measure_shapes(quads.matrix, focal)
+    variances = np.zeros((2, *cosine.shape))
+    for k in range(8):
+        moved = quads.corners.copy()
+        moved.reshape(-1, 8)[:, k] += CORNER_ERROR_PX
+        others = _measure_shapes(_unit_square_to(moved), focal)
+        variances += np.square(np.stack(others) - np.stack([cosine, ratio]))
+    least = np.array([MAX_COSINE, MAX_LOG_RATIO])[:, None, None]
+    limits = np.minimum(np.hypot(least, np.sqrt(np.nan_to_num(variances))), MOST_LOOSENED * least)
+    return np.where(np.abs(cosine) < limits[0], ratio, np.nan), limits[1]
+
+
+def _measure_shapes(matrix: FloatArray, focal: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Measure the cosines (Q, F) between the sides u and v of squares, and the logarithms of their ratios."""
+    u, v = (matrix[:, None, :, k] / np.stack([focal, focal, np.ones_like(focal)], -1) for k in (0, 1))
     length_u, length_v = np.linalg.norm(u, axis=-1), np.linalg.norm(v, axis=-1)
-    cosine = (u * v).sum(-1) / (length_u * length_v)
-    return np.where(np.abs(cosine) < MAX_COSINE, length_u / length_v, np.nan)
+    return (u * v).sum(-1) / (length_u * length_v), np.log(length_u / length_v)
 
 
-def _match_lines(quads: _Quads, ratios: FloatArray, sport: Sport) -> FloatArray:
+def _match_lines(quads: _Quads, ratios: FloatArray, errors: FloatArray, sport: Sport) -> FloatArray:
     """Build homographies (N, 3, 3) from metres for all pairs of lines of a sport that a quadrangle may show."""
     x = sorted({one.start[0] for one in sport.lines if one.start[0] == one.end[0]})
     y = sorted({one.start[1] for one in sport.lines if one.start[1] == one.end[1]})
-    log_ratio = np.log(ratios)
     matrices = []
     for x1, x2 in combinations(x, 2):
         for y1, y2 in combinations(y, 2):
             wanted = np.log((x2 - x1) / (y2 - y1))
             for is_swapped in (False, True):
-                error = np.abs(log_ratio - (-wanted if is_swapped else wanted))
-                chosen = quads.matrix[(error < MAX_LOG_RATIO).any(1)]
+                error = np.abs(ratios - (-wanted if is_swapped else wanted))
+                chosen = quads.matrix[(error < errors).any(1)]
                 to_square = np.array([[1 / (x2 - x1), 0, -x1 / (x2 - x1)], [0, 1 / (y2 - y1), -y1 / (y2 - y1)],
                                       [0, 0, 1]])  # fmt: skip
                 if is_swapped:
@@ -286,11 +305,9 @@ def _select_distinct(
         if len(chosen) == count or scores[k] <= 0:
             break
         corners = apply_homography(matrices[k], sport.corners)
-        # The same court is seen whichever of its corners comes first.
-        ring = corners[np.argsort(np.arctan2(*(corners - corners.mean(0)).T))]
-        size = np.linalg.norm(np.ptp(ring, axis=0))
-        if any(np.abs(np.roll(ring, r, axis=0) - other).max() < 0.02 * size for other in places for r in range(4)):
+        size = np.linalg.norm(np.ptp(corners, axis=0))
+        if any(np.abs(corners[turn] - other).max() < 0.02 * size for other in places for turn in SAME_COURT):
             continue
         chosen.append(CourtHypothesis(sport, matrices[k], float(scores[k]), float(lengths[k])))
-        places.append(ring)
+        places.append(corners)
     return chosen

@@ -14,6 +14,7 @@ import numpy as np
 from models.core.court import Range, Sport
 from models.core.rally import RallyEventKind
 from models.core.typing import FloatArray
+from models.estimation.rally.play_order import locate_event
 from models.estimation.rally.single_flight import FlightPrior
 
 # Hits per second of play, and share of passages over the net that touch it: from rallies of professionals.
@@ -68,7 +69,7 @@ class _Joint:
 
 def weigh_events(
     before: FlightEnds, after: FlightEnds, sport: Sport, prior: FlightPrior
-) -> dict[RallyEventKind, tuple[FloatArray, FloatArray]]:
+) -> dict[RallyEventKind, tuple[FloatArray, FloatArray, FloatArray]]:
     """Weigh the kinds of events by which flights may follow each other.
 
     Args:
@@ -77,21 +78,23 @@ def weigh_events(
         prior: Prior of a flight.
 
     Returns:
-        Natural logarithm (A, B) of the evidence of each kind, and the time (A, B) of the event, s.
+        Natural logarithm (A, B) of the evidence of each kind, the time (A, B) of the event, s, and where (A, B, 3) it
+        is, see `locate_event`.
     """
-    outcome: dict[RallyEventKind, tuple[FloatArray, FloatArray]] = {}
+    outcome: dict[RallyEventKind, tuple[FloatArray, FloatArray, FloatArray]] = {}
     shape = len(before.state), len(after.state)
     for kind in _KINDS:
         if kind in ("bounce", "landing") and (kind == "bounce") == (sport.object.restitution is None):
             continue
         heights = (0.0,) if kind != "bounce" or sport.floor == 0 else (0.0, sport.floor)
         best = np.full(shape[0] * shape[1], -np.inf)
-        when = np.full(len(best), np.nan)
+        when, where = np.full(len(best), np.nan), np.zeros((len(best), 3))
         for height in heights:
-            value, t = _weigh_kind(kind, before, after, sport, prior, height)
+            value, t, place = _weigh_kind(kind, before, after, sport, prior, height)
             better = value > best
             best, when = np.where(better, value, best), np.where(better, t, when)
-        outcome[kind] = best.reshape(shape), when.reshape(shape)
+            where = np.where(better[:, None], place, where)
+        outcome[kind] = best.reshape(shape), when.reshape(shape), where.reshape(*shape, -1)
     return outcome
 
 
@@ -118,7 +121,7 @@ def contact_ranges(sport: Sport) -> tuple[Range, Range]:
 
 def _weigh_kind(
     kind: RallyEventKind, before: FlightEnds, after: FlightEnds, sport: Sport, prior: FlightPrior, height: float
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     count = len(before.state) * len(after.state)
     slack = 0.25 * (after.t - before.t)
     t = np.full(count, (before.t + after.t) / 2)
@@ -155,7 +158,7 @@ def _weigh_kind(
         edge = sport.net.height_at(place[:, 1], sport.width)
         over = np.maximum(place[:, 2] - edge - sport.object.radius, 0.0)
         value -= 0.5 * over**2 / (deviation[:, 2] ** 2 + 0.03**2)
-    return value, t
+    return value, t, locate_event(place[:, 0], deviation[:, 0], np.full(count, height < 0), sport)
 
 
 def _move_states(before: FlightEnds, after: FlightEnds, t: FloatArray) -> _Joint:

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
 from models.core.court import Sport
 from models.core.court_camera import CourtScene
 from models.core.progress import Progress
-from models.core.rally import BallCandidates, Rally, RallyEventKind
+from models.core.rally import BallCandidates, Rally, RallyEvent, RallyEventKind
 from models.core.typing import FloatArray, IntArray
+from models.estimation.rally.event_chances import SLIP
 from models.estimation.rally.event_evidence import name_contact
 from models.estimation.rally.flight_fit import (
     RallyFit,
     fit_rally,
     flight_slice,
     refine_fit,
+    start_row,
 )
 from models.estimation.rally.flight_observations import (
     FlightObservations,
@@ -27,12 +30,17 @@ from models.estimation.rally.guided_association import Sight, choose_candidates,
 from models.estimation.rally.image_association import associate_candidates
 from models.estimation.rally.initial_flights import align_flights
 from models.estimation.rally.landing_hypotheses import merge_landings
+from models.estimation.rally.play_order import judge_order, locate_event
 from models.estimation.rally.rally_building import build_rally, weigh_flights
 from models.estimation.rally.rally_revision import WORST_RIVAL, Doubt, leave_out_flights, revise_structure, weigh_fit
 
 # Natural logarithm of the probability that an explanation is right although another fits better by as much: evidence
 # is computed from a model that is never wholly true, and so counts by half.
 _EVIDENCE_SHARE = 0.5
+# m and s up to which events of the same kinds are the same: far less than two explanations differ by.
+_SAME_PLACE, _SAME_MOMENT = 0.25, 0.02
+# s between flights up to which they follow each other at once.
+_SAME_TIME = 1e-6
 # Largest number of rival explanations.
 _MOST_RIVALS = 8
 # Probability from which an event is stated: what is less probable than not did not happen.
@@ -72,8 +80,13 @@ def explain_rally(
     if not fits:
         return _build_empty(scene, candidates, frame, t)
     fits.sort(key=lambda fit: -weigh_fit(fit, sight.observed))
-    revised = revise_structure(sight.observed, sport, fits[0])
-    fits = [revised.best, *revised.rivals, *(fit for fit in fits[1:] if not _are_same(fit, revised.best))]
+    least = weigh_fit(fits[0], sight.observed) - WORST_RIVAL
+    near = [fit for fit in fits if weigh_fit(fit, sight.observed) > least]
+    revisions = [revise_structure(sight.observed, sport, fit) for fit in near]
+    revisions.sort(key=lambda revision: -weigh_fit(revision.best, sight.observed))
+    revised = revisions[0]
+    others = [*(revision.best for revision in revisions[1:]), *fits]
+    fits = [revised.best, *revised.rivals, *(fit for fit in others if not _are_same(fit, revised.best))]
     chosen = choose_candidates(scene, candidates, frame, t, sight.chosen, fits[0])
     if (chosen != sight.chosen).any():
         sight = look_at_candidates(scene, candidates, frame, t, chosen)
@@ -110,12 +123,12 @@ def _select_fits(fits: list[RallyFit], observed: FlightObservations) -> list[Ral
 
 
 def _are_same(one: RallyFit, other: RallyFit) -> bool:
-    return (
-        one.structure.kinds == other.structure.kinds
-        and one.structure.joined == other.structure.joined
-        and abs(one.evidence - other.evidence) < 0.5
-        and bool(np.abs(one.values - other.values)[: flight_slice(0).stop].max() < 0.05)
-    )
+    """Check whether two fits are one explanation, of which the search may have stopped at slightly other values."""
+    if one.structure.kinds != other.structure.kinds or one.structure.joined != other.structure.joined:
+        return False
+    off, count = np.abs(one.values - other.values), len(one.structure)
+    places = np.concatenate([off[flight_slice(k)][:3] for k in range(count)])
+    return bool(places.max() < _SAME_PLACE and off[start_row(0, count) :].max() < _SAME_MOMENT)
 
 
 def _build_empty(scene: CourtScene, candidates: BallCandidates, frame: IntArray, t: FloatArray) -> Rally:
@@ -152,7 +165,32 @@ def _combine(rallies: list[Rally], weights: FloatArray, t: FloatArray, doubts: t
             landing = replace(landing, weight=landing.weight * trusted)
         pairs.append((float(weight), landing))
     landings, nothing = merge_landings(pairs)
+    events = _follow_rules(best, events)
     hits = [event.t for event in events if event.kind == "hit"]
     # the last hit decides in which half a landing is good, however doubtful it is
     events = [event for event in events if event.probability >= _LEAST_EVENT or event.t == max(hits, default=None)]
     return replace(best, events=tuple(events), landings=landings, no_landing=nothing)
+
+
+def _follow_rules(rally: Rally, events: list[RallyEvent]) -> list[RallyEvent]:
+    """Lower the probability of events that cannot follow each other; the object may do anything while it is lost.
+
+    What agrees with the rules gains nothing: they are part of the evidence of the explanations.
+    """
+    sport = rally.scene.sport
+    gaps = [after.start for before, after in pairwise(rally.flights) if after.start > before.end + _SAME_TIME]
+    spans = np.searchsorted(gaps, [event.t + _SAME_TIME for event in events])
+    for span in set(spans.tolist()):
+        rows = np.flatnonzero(spans == span)
+        part = [events[k] for k in rows]
+        x, sigma = np.array([[event.place[0], np.sqrt(event.covariance[0, 0])] for event in part]).T
+        is_off = np.array([event.kind == "bounce" and event.place[2] < sport.floor / 2 for event in part])
+        chances = judge_order(
+            tuple(event.kind for event in part),
+            locate_event(x, sigma, is_off & (sport.floor < 0), sport),
+            (1 - SLIP) * np.array([event.probability for event in part]),
+            sport,
+        )
+        for k, chance in zip(rows, chances, strict=True):
+            events[k] = replace(events[k], probability=min(events[k].probability, float(chance)))
+    return events

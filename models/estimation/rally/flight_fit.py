@@ -33,6 +33,7 @@ from models.estimation.rally.flight_observations import (
     weigh_by_law,
 )
 from models.estimation.rally.flight_segmentation import RallyHypothesis
+from models.estimation.rally.play_order import locate_event, weigh_order
 from models.estimation.rally.single_flight import (
     DRAG,
     DRAG_EXPONENT,
@@ -57,9 +58,9 @@ _BOUNCE_HEIGHT = 0.01
 # m by which a hit is away from the player's feet, to either side: an arm, a racket and a jump. Beyond so many times
 # that, the distance counts less: the feet of someone who is half hidden are not seen. s within which people are seen.
 _ARM, _PLAYER_SCALE, _PLAYER_TIME = 1.1, 2.0, 0.15
-# Parameters of a flight that the flights of a clip have in common: drag, its exponent, and lift by lag; and the share
-# of what is not known of the last two by which they differ from flight to flight.
-_SHARED, _FLIGHT_SHARE = (DRAG, DRAG_EXPONENT, LAG_LIFT), 0.2
+# Parameters of a flight that the flights of a clip have in common: drag, its exponent, drag of the turn-over, and lift
+# by lag; and the share of what is not known of all but the first by which they differ from flight to flight.
+_SHARED, _FLIGHT_SHARE = (DRAG, DRAG_EXPONENT, TURN_DRAG, LAG_LIFT), 0.2
 SHARED_COUNT = len(_SHARED)
 # m/s along the court from which it is clear which way the object flies.
 _WAY_SOFTNESS = 1.0
@@ -179,7 +180,17 @@ def refine_fit(
     if not np.isfinite(log_determinant):
         return None  # nothing holds one of its values
     evidence = -0.5 * best.cost + problem.normalizer + 0.5 * len(free) * np.log(2 * np.pi) - 0.5 * log_determinant
+    where = locate_events(structure, best.point, invert_semidefinite(information), sport)
+    evidence += weigh_order(structure.kinds, where, ~np.array(structure.joined), sport)
     return RallyFit(structure, best.point, information, best.cost, float(evidence))
+
+
+def locate_events(structure: RallyStructure, values: FloatArray, covariance: FloatArray, sport: Sport) -> FloatArray:
+    """Compute the probabilities (F, 3), see `locate_event`, of where the flights of a fit begin."""
+    x = SHARED_COUNT + PARAMETER_COUNT * np.arange(len(structure))
+    sigma = np.sqrt(np.maximum(covariance[x, x], 0.0))
+    is_off = (structure.heights < 0) & (np.array(structure.kinds) == "bounce")
+    return locate_event(values[x], sigma, is_off, sport)
 
 
 def assign_times(t: FloatArray, structure: RallyStructure, values: FloatArray) -> list[IntArray]:
@@ -271,7 +282,7 @@ class _Problem:
 
     def _add_prior(self, k: int, values: FloatArray, part: slice, mean: FloatArray, sigma: FloatArray) -> None:
         kind, is_joined, start = self.structure.kinds[k], self.structure.joined[k], part.start
-        used = [*LIFT, TURN_DRAG]
+        used = [*LIFT]
         if kind in (None, "hit") or not is_joined:
             used += [3, 4, 5]
         if not is_joined:

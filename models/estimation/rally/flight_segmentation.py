@@ -7,7 +7,7 @@ then found by dynamic programming, each pair joined by the event of most evidenc
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from models.core.rally import RallyEventKind
 from models.core.typing import FloatArray, IntArray
 from models.estimation.rally.event_evidence import FlightEnds, weigh_events
 from models.estimation.rally.flight_observations import CLUTTER_COST, REST_PX, FlightObservations
+from models.estimation.rally.play_order import advance_play, locate_event, start_play
 from models.estimation.rally.single_flight import FlightPrior, SingleFlight, build_flight_prior, fit_single_flight
 from models.physics.flight.flight_motion import GRAVITY
 
@@ -193,6 +194,8 @@ class _Step:
     previous: _Step | None
     kind: RallyEventKind | None
     t: float
+    belief: FloatArray
+    """(10,) of the state of play, see `play_order`."""
 
 
 def _find_sequences(
@@ -210,7 +213,7 @@ def _find_sequences(
         now = starting[at]
         for k in now:
             node = nodes[k]
-            steps[k].append(_Step(skipped + node.evidence, k, None, None, float(observed.t[kinks[at]])))
+            steps[k].append(_Step(skipped + node.evidence, k, None, None, float(observed.t[kinks[at]]), start_play()))
         for back in range(max(at - 2, 0), at + 1):  # stretches from `back` to `at` are clutter
             cost = CLUTTER_COST * float(sizes[back:at].sum())
             _join(ends[back], now, nodes, steps, cost, kinks, observed, sport, prior)
@@ -221,7 +224,7 @@ def _find_sequences(
             steps[k] = flies_on[:_BEST] + landed[:_BEST]
             ends[nodes[k].end].extend(steps[k])
         rest = CLUTTER_COST * float(sizes[at:].sum())
-        ended += [_Step(step.score - rest, step.node, step.previous, step.kind, step.t) for step in ends[at]]
+        ended += [replace(step, score=step.score - rest) for step in ends[at]]
     best = sorted(ended, key=lambda step: -step.score)
     hypotheses: dict[tuple[object, ...], RallyHypothesis] = {}
     for step in best:
@@ -247,13 +250,18 @@ def _join(
 ) -> None:
     """Continue partial sequences with the nodes that begin now."""
     for k in now:
+        flight = nodes[k].flight
         for step in arriving:
-            if step.kind == "landing" and nodes[k].flight is not None:
+            if step.kind == "landing" and flight is not None:
                 continue
-            if nodes[k].flight is None or nodes[step.node].flight is None:
-                t = float(observed.t[kinks[nodes[k].begin]])
-                kind: RallyEventKind | None = None if nodes[k].flight is None else "hit"
-                steps[k].append(_Step(step.score + nodes[k].evidence - cost, k, step, kind, t))
+            if flight is None or nodes[step.node].flight is None:
+                t, order, belief = float(observed.t[kinks[nodes[k].begin]]), np.zeros(()), start_play()
+                if flight is not None:
+                    x, sigma = flight.path.states[0, :1], np.sqrt(flight.covariance[0, :1])
+                    where = locate_event(x, sigma, np.zeros(1, np.bool_), sport)[0]
+                    order, belief = _follow_rules(belief, "hit", where, sport)
+                score = step.score + nodes[k].evidence - cost + float(order)
+                steps[k].append(_Step(score, k, step, None if flight is None else "hit", t, belief))
     flying = [k for k in now if nodes[k].flight is not None]
     before = list(dict.fromkeys(step.node for step in arriving if nodes[step.node].flight is not None))
     if not flying or not before:
@@ -265,15 +273,25 @@ def _join(
         sport,
         prior,
     )
-    for column, k in enumerate(flying):
-        for step in arriving:
-            if step.node in before:
-                row = before.index(step.node)
-                for kind, (value, when) in weights.items():
-                    if step.kind == "landing" and kind != "landing":
-                        continue  # it hops, and nobody plays on
-                    score = step.score + nodes[k].evidence - cost + float(value[row, column])
-                    steps[k].append(_Step(score, k, step, kind, float(when[row, column])))
+    joined = [step for step in arriving if step.node in before]
+    rows, beliefs = [before.index(step.node) for step in joined], np.array([step.belief for step in joined])
+    for kind, (value, when, where) in weights.items():
+        # after a landing it hops, and nobody plays on
+        usable = [i for i, step in enumerate(joined) if step.kind != "landing" or kind == "landing"]
+        for column, k in enumerate(flying):
+            orders, after = _follow_rules(beliefs, kind, where[rows, column], sport)
+            for i in usable:
+                score = joined[i].score + nodes[k].evidence - cost + float(value[rows[i], column] + orders[i])
+                steps[k].append(_Step(score, k, joined[i], kind, float(when[rows[i], column]), after[i]))
+
+
+def _follow_rules(
+    belief: FloatArray, kind: RallyEventKind, where: FloatArray, sport: Sport
+) -> tuple[FloatArray, FloatArray]:
+    """Return the logarithms (...) of the probability of an event by the rules, and the states (..., 10) after it."""
+    after = advance_play(belief, kind, where, sport)
+    total = after.sum(axis=-1)
+    return np.asarray(np.log(total)), np.asarray(after / total[..., None])
 
 
 def _trace(step: _Step, nodes: list[_Node], kinks: IntArray) -> RallyHypothesis:

@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import ndtr
 
 from models.core.court import Sport
 from models.core.court_camera import CourtScene
 from models.core.rally import BallCandidates, Flight, LandingHypothesis, Rally, RallyEvent, RallyEventKind
 from models.core.typing import BoolArray, FloatArray, IntArray
+from models.estimation.rally.event_chances import LOW_HIT, UNSEEN_START
 from models.estimation.rally.event_evidence import name_contact
 from models.estimation.rally.flight_fit import RallyFit, assign_times, flight_slice, start_row
 from models.estimation.rally.flight_observations import bound_residuals, compare_places, weigh_by_law
@@ -17,16 +19,13 @@ from models.estimation.rally.guided_association import GATE, Sight, observe_cand
 from models.estimation.rally.landing_hypotheses import find_landing, predict_landing
 from models.estimation.rally.rally_views import is_on_surface
 from models.numerics.least_squares import invert_semidefinite
-from models.numerics.statistics import measure_lack_of_fit
+from models.numerics.statistics import correlation_factor, measure_lack_of_fit
 from models.physics.flight.flight_motion import PARAMETER_COUNT, fly, fly_flight
 
 # Steps of differences by the parameters of a camera: m, rad, logarithm of the focal length, k1.
 _CAMERA_STEPS = np.array([0.01, 0.01, 0.01, 1e-4, 1e-4, 1e-4, 1e-4, 1e-3])
-# Probability of a hit of which only the flight behind it is seen.
-_UNSEEN_START = 0.8
-# Probability of a hit within this height, m, and four standard deviations of the surface: few strokes are so low, and
-# in foreign simulations those that were wrong were bounces there.
-_LOW_HIT, _LOW_HEIGHT = 0.9, 0.1
+# m above four standard deviations of the surface, up to which a hit may be a bounce.
+_LOW_HEIGHT = 0.1
 # Places from which the looks of a flight are judged: a hit blurs two or three.
 _JUDGED_PLACES = 4
 # s before a flight in which the object may last have been seen, in a hand.
@@ -45,7 +44,7 @@ def _estimate_covariance(
 ) -> tuple[FloatArray, list[float], BoolArray]:
     """Estimate the covariance of all values, chi2 per degree of freedom of each flight, and which places were used.
 
-    What residuals exceed their nominal errors by raises the covariance; the errors of the camera, which all
+    The covariance is scaled by the size of the residuals in nominal errors; the errors of the camera, which all
     observations share, are added (consider covariance: Bierman 1977, section VIII.2).
     """
     camera, sport = scene.camera, scene.sport
@@ -80,7 +79,9 @@ def _estimate_covariance(
             pull[columns, j] += np.einsum("nip,ni,n->p", by, change, slope**2)
     covariance = invert_semidefinite(fit.information)
     free = min(6 * count, max(sum(2 * len(rows) for rows in rows_of) - 1, 0))
-    _, inflation = measure_lack_of_fit(series, free)
+    chi2_all, _ = measure_lack_of_fit(series, free)
+    # a clip has hundreds of places: they tell how large their errors are, be it less than a detector claims
+    inflation = chi2_all * correlation_factor(series) if np.isfinite(chi2_all) else 1.0
     moved_by = covariance @ pull
     return covariance * inflation + moved_by @ camera.covariance @ moved_by.T, chi2, used
 
@@ -174,14 +175,14 @@ def _build_event(
         float(np.sqrt(block[-1, -1])),
         p[:3].copy(),
         block[:3, :3].copy(),
-        chance * (_LOW_HIT if kind == "hit" and _is_low(p[:3], float(np.sqrt(block[2, 2])), sport) else 1.0),
+        chance * (LOW_HIT if kind == "hit" and is_low(p[:3], float(np.sqrt(block[2, 2])), sport) else 1.0),
         speed,
         float(np.sqrt(along @ spread @ along)),
         name_player(p[:3], sport) if kind == "hit" else "",
     )
 
 
-def _is_low(place: FloatArray, sigma: float, sport: Sport) -> bool:
+def is_low(place: FloatArray, sigma: float, sport: Sport) -> bool:
     """Check whether a hit is so near the floor or the table that it may be a bounce."""
     levels = [0.0, sport.floor] if is_on_surface(place[:2], sport) else [sport.floor]
     return any(abs(place[2] - level - sport.object.radius) < 4 * sigma + _LOW_HEIGHT for level in levels)
@@ -228,7 +229,7 @@ def _build_first_hit(scene: CourtScene, flight: Flight, rally: Rally, interval: 
         float(spread),
         path.states[0, :3].copy(),
         covariance[:3, :3] + np.outer(velocity, velocity) * spread**2,
-        _UNSEEN_START,
+        UNSEEN_START,
         speed,
         float(np.hypot(np.sqrt(along @ covariance[3:, 3:] @ along), slowing)),
         name_player(path.states[0, :3], sport),
@@ -251,7 +252,8 @@ def _finish(
     """Add the contact with the ground that ends the last flight, and return the landing of the rally."""
     has_landed = bool(events) and events[-1].kind == "landing"
     contact = None if has_landed else predict_landing(flights[-1], sport, last_seen, interval)
-    if contact is not None and contact.t <= clip_end + interval and contact.weight > 0.5:
+    within = 0.0 if contact is None else contact.weight * float(ndtr((clip_end - contact.t) / contact.t_sigma))
+    if contact is not None and within > 0.5:
         flight = flights[-1]
         path = fly_flight(flight, np.array([contact.t]), sport.object)
         velocity, by = path.states[0, 3:], path.derivatives[0, 3:]
@@ -259,7 +261,7 @@ def _finish(
         spread = float(np.sqrt(velocity @ by @ flight.covariance @ by.T @ velocity)) / max(speed, 1e-9)
         events.append(
             RallyEvent(
-                name_contact(sport), contact.t, contact.t_sigma, contact.place, contact.covariance, contact.weight,
+                name_contact(sport), contact.t, contact.t_sigma, contact.place, contact.covariance, within,
                 speed, spread,
             )
         )  # fmt: skip

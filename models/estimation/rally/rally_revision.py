@@ -14,7 +14,7 @@ import numpy as np
 from models.core.court import Sport
 from models.core.rally import RallyEventKind
 from models.core.typing import BoolArray, FloatArray
-from models.estimation.rally.event_evidence import name_contact
+from models.estimation.rally.event_evidence import NET_DEPTH, contact_ranges, name_contact
 from models.estimation.rally.flight_fit import (
     SHARED_COUNT,
     RallyFit,
@@ -35,8 +35,10 @@ _MOST_PASSES, _NEIGHBOURS = 4, 1
 _LAST_EVENTS, _MOST_RIVALS = 3, 4
 # A flight of fewer observations, or shorter, s, may be none.
 _FEW, _SHORT = 5, 0.3
-# m above the surface, beyond four standard deviations, up to which a hit may be a bounce.
-_NEAR_SURFACE = 0.15
+# Standard deviations from the net or the surface up to which a hit may be there; m above the surface beyond these.
+_FAR_SIGMAS, _NEAR_SURFACE = 4.0, 0.15
+# s from such a hit to the bounce before it, and to the hit itself.
+_RISE = (-0.04, 0.08)
 # Share of the length of the court by which the depth of a hit may be wrong where it is a bounce.
 _DEPTH_SHARE = 0.5
 # Natural logarithm of the evidence by which a rival may be worse and still counts.
@@ -87,6 +89,20 @@ def revise_structure(observed: FlightObservations, sport: Sport, fit: RallyFit) 
         The best explanation found, its rivals and doubts.
     """
     past: dict[tuple[object, ...], _Trial | None] = {}
+    revision = _improve(observed, sport, fit, past)
+    for _ in range(_MOST_PASSES):
+        # a rival that was fitted wholly may have come out better than it seemed beside its neighbours alone
+        better = max(revision.rivals, key=lambda rival: weigh_fit(rival, observed), default=revision.best)
+        if weigh_fit(better, observed) <= weigh_fit(revision.best, observed):
+            break
+        revision = _improve(observed, sport, better, past)
+    return revision
+
+
+def _improve(
+    observed: FlightObservations, sport: Sport, fit: RallyFit, past: dict[tuple[object, ...], _Trial | None]
+) -> Revision:
+    """Take over what explains the clip better, until nothing does."""
     best, trials = fit, _try_variants(observed, sport, fit, past)
     for _ in range(_MOST_PASSES):
         gains = _select_gains(trials)
@@ -251,16 +267,19 @@ def _vary(
     for k in range(1, count):
         if not structure.joined[k]:
             continue
-        doubtful = is_short[k - 1] or is_short[k]
-        if structure.kinds[k] == "hit" and structure.kinds[k - 1] in ("hit", None):
-            sides = values[[flight_slice(k - 1).start, flight_slice(k).start]] < sport.length / 2
-            doubtful = doubtful or bool(sides[0] == sides[1])
+        doubtful = is_short[k - 1] or is_short[k] or structure.kinds[k] == "net"
+        if structure.kinds[k] == "hit" and not doubtful:
+            place, way = values[flight_slice(k)][[0, 3]]
+            came = fly(values[flight_slice(k - 1)], starts[[k]] - starts[k - 1], structure.turn_length(k - 1, sport))
+            # a player sends the object back, and to the other half
+            doubtful = bool(way * came.states[0, 3] > 0 or (place < sport.length / 2) != (way > 0))
         if doubtful:
             yield k, *_merge(fit, k, bool(sizes[k] > sizes[k - 1]), sport)
     for k in range(1, count):
         if structure.joined[k]:
-            for structure, values in _flip(observed, fit, k, sport):
-                yield k, structure, values
+            volley = structure.kinds[k] == "hit" and structure.kinds[k - 1] != "bounce"
+            for variant in (*_flip(observed, fit, k, sport), *(_add_bounce(observed, fit, k, sport) if volley else ())):
+                yield k, *variant
 
 
 def _merge(fit: RallyFit, k: int, is_later_longer: bool, sport: Sport) -> tuple[RallyStructure, FloatArray]:
@@ -288,20 +307,53 @@ def _merge(fit: RallyFit, k: int, is_later_longer: bool, sport: Sport) -> tuple[
 
 
 def _flip(observed: FlightObservations, fit: RallyFit, k: int, sport: Sport) -> list[tuple[RallyStructure, FloatArray]]:
-    """Take a bounce or a touch of the net for a hit, or a hit that is seen where a bounce might be for a bounce."""
+    """Take an event for one of another kind: a bounce or a touch of the net only where one might be."""
     structure, kinds = fit.structure, list(fit.structure.kinds)
-    if kinds[k] in ("bounce", "landing", "net"):
-        kinds[k] = "hit"
-        return [(replace(structure, kinds=tuple(kinds)), fit.values.copy())]
-    changed = _pin_event(observed, fit, structure, k, sport)
+    x, row, stated = float(fit.values[flight_slice(k)][0]), flight_slice(k).start, kinds[k]
+    is_at_net = abs(x - sport.length / 2) < _FAR_SIGMAS * np.sqrt(max(fit.covariance[row, row], 0.0)) + NET_DEPTH
+    variants = []
+    if stated != "hit" or is_at_net:
+        kinds[k] = "net" if stated == "hit" else "hit"
+        variants.append((replace(structure, kinds=tuple(kinds)), fit.values.copy()))
+    changed = _pin_event(observed, fit, structure, k, sport) if stated in ("hit", "net") else None
     if changed is None:
-        return []
+        return variants
     # nobody plays on after a landing: what follows it are hops
     for j in range(k + 1, len(structure)):
         if changed[0].kinds[k] == "landing" and changed[0].kinds[j] != "landing":
             later = _pin_event(observed, replace(fit, values=changed[1]), changed[0], j, sport)
             changed = changed if later is None else later
-    return [changed]
+    return [*variants, changed]
+
+
+def _add_bounce(
+    observed: FlightObservations, fit: RallyFit, k: int, sport: Sport
+) -> list[tuple[RallyStructure, FloatArray]]:
+    """Put a bounce just before the hit that begins flight k: a ball that is hit as it rises is easily taken for one."""
+    structure, values, count = fit.structure, fit.values, len(fit.structure)
+    starts = values[start_row(0, count) :]
+    begin, end = starts[k] + np.array(_RISE)
+    before, after = values[flight_slice(k - 1)], values[flight_slice(k)].copy()
+    if sport.object.restitution is None or begin < starts[k - 1] or end > structure.end[k]:
+        return []
+    state = fly(before, np.array([begin - starts[k - 1]]), structure.turn_length(k - 1, sport)).states[0]
+    row = min(int(np.searchsorted(observed.t, begin)), len(observed) - 1)
+    pin = pin_to_surface(observed.matrix[row], state[:3], float(begin), sport)
+    after[:6] = fly(after, np.array([end - starts[k]]), 0.0).states[0]
+    if pin is None or np.linalg.norm(state[:3] - pin.place) > _DEPTH_SHARE * sport.length:
+        return []
+    restitution, retention = contact_ranges(sport)
+    rising = before.copy()
+    rising[:3], rising[3:6] = pin.place, state[3:] * [retention.mean, retention.mean, -restitution.mean]
+    more = RallyStructure(
+        (*structure.kinds[:k], "bounce", *structure.kinds[k:]),
+        (*structure.joined[: k + 1], True, *structure.joined[k + 1 :]),
+        np.insert(structure.begin, k, begin),
+        np.insert(structure.end, k, end),
+        np.insert(structure.heights, k, sport.floor if pin.place[2] < sport.floor / 2 else 0.0),
+    )
+    flights = [values[: flight_slice(k).start], rising, after, values[flight_slice(k + 1).start : start_row(0, count)]]
+    return [(more, np.concatenate([*flights, starts[:k], [begin, end], starts[k + 1 :]]))]
 
 
 def _pin_event(
@@ -325,7 +377,7 @@ def _may_bounce(pin: Pin, place: FloatArray, sigma: float, sport: Sport) -> bool
     """Check whether a hit is near the surface, or in a depth that a bounce would correct within the surroundings."""
     behind, beside = sport.surroundings
     inside = -behind < pin.place[0] < sport.length + behind and -beside < pin.place[1] < sport.width + beside
-    is_near = abs(place[2] - pin.place[2]) < 4 * sigma + _NEAR_SURFACE
+    is_near = abs(place[2] - pin.place[2]) < _FAR_SIGMAS * sigma + _NEAR_SURFACE
     return bool(is_near or (inside and np.linalg.norm(place - pin.place) < _DEPTH_SHARE * sport.length))
 
 

@@ -2,9 +2,10 @@
 
 The acceleration of a ball is -g z - k |v| v + |v| l x v with drag k, at a speed of 10 m/s, and lift l; at other speeds
 the drag is k (|v| / 10 m/s)^n. A shuttle turns over after a hit, over a length of path and not a time, since the air
-turns it (Cohen et al. 2015, doi:10.1088/1367-2630/17/6/063001): its drag is larger by the factor 1 + c exp(-s / L) at a
-length s of path, and it is lifted by exp(-s / L) l only. Its nose lags behind its bending path by an angle that the air
-keeps in balance; the side force of that angle carries a share `lag_lift` of the part of gravity that bends the path.
+turns it (Cohen et al. 2015, doi:10.1088/1367-2630/17/6/063001). Its nose first points back, as slender as ahead; then
+it lies across the path: at a length s of path its drag is larger by the factor 1 + c u^2 exp(-u) / 2 with u = 4 s / L.
+It is lifted by exp(-s / L) l. Its nose lags behind its bending path by an angle that the air keeps in balance; the side
+force of that angle carries a share `lag_lift` of the part of gravity that bends the path.
 That share counts from the hit on, though the balance is reached only as the turn-over fades. The derivatives obey the
 variational equations (Hairer, Norsett, Wanner 1993, section I.14), integrated together with the state.
 """
@@ -27,8 +28,9 @@ GRAVITY = 9.81
 PARAMETER_COUNT = len(FLIGHT_PARAMETERS)
 # Longest step, s, and largest relative loss of speed in a step: method of order 8, error below 1e-9 of the path.
 _LONGEST_STEP, _LARGEST_LOSS = 0.04, 0.12
-# Longest step as a share of the length of the turn-over.
-_TURN_SHARE = 0.35
+# Longest step as a share of the length of the turn-over; how much faster than the lift the drag of it passes, and the
+# largest value of u^2 exp(-u) / 2.
+_TURN_SHARE, _TURN_RATE, _TURN_PEAK = 0.11, 4.0, 0.271
 # (m/s)^2 that keep |v| differentiable at rest.
 _MIN_SQUARE = 1e-8
 # Integrated columns of derivatives: by velocity (3), drag, lift (3), turn-over, exponent of the drag and lift by lag;
@@ -63,11 +65,14 @@ def _build_flight() -> Any:
         turns = turn_length > 0
         fading = np.exp(-state[0] / turn_length) if turns else 0.0
         lifting = fading if turns else 1.0
+        u = max(_TURN_RATE * state[0] / turn_length, 0.0) if turns else 0.0
+        bump = 0.5 * u * u * np.exp(-u)
+        bump_slope = (u - 0.5 * u * u) * np.exp(-u) * _TURN_RATE / turn_length if turns else 0.0
         v_x, v_y, v_z = state[4], state[5], state[6]
         speed = np.sqrt(v_x * v_x + v_y * v_y + v_z * v_z + _MIN_SQUARE)
         logarithm = np.log(speed / _DRAG_SPEED)
         share = np.exp(exponent * logarithm)
-        drag = k * (1 + turn * fading) * share
+        drag = k * (1 + turn * bump) * share
         carried, climb = lag_lift * GRAVITY, v_z / (speed * speed)
         side_x, side_y, side_z = l_y * v_z - l_z * v_y, l_z * v_x - l_x * v_z, l_x * v_y - l_y * v_x
         rate[0] = speed
@@ -80,7 +85,7 @@ def _build_flight() -> Any:
             d_x, d_y, d_z = state[at + 4], state[at + 5], state[at + 6]
             along = (v_x * d_x + v_y * d_y + v_z * d_z) / speed
             fades = -fading / turn_length * state[at] if turns else 0.0
-            d_drag = k * turn * fades * share + drag * exponent * along / speed
+            d_drag = k * turn * bump_slope * state[at] * share + drag * exponent * along / speed
             d_climb = d_z / (speed * speed) - 2 * climb * along / speed
             rate[at] = along
             rate[at + 1], rate[at + 2], rate[at + 3] = d_x, d_y, d_z
@@ -98,8 +103,8 @@ def _build_flight() -> Any:
             rate[at + 6] -= carried * (d_climb * v_z + climb * d_z)
         by_exponent = -drag * logarithm * speed
         for column, by in (
-            (3, -(1 + turn * fading) * share * speed),
-            (7, -k * fading * share * speed),
+            (3, -(1 + turn * bump) * share * speed),
+            (7, -k * bump * share * speed),
             (8, by_exponent),
             (9, -GRAVITY * climb),
         ):
@@ -135,10 +140,10 @@ def _build_flight() -> Any:
                     states[k:] = np.nan
                     accelerations[k:] = np.nan
                     return
-                turn = parameters[10] * np.exp(-state[0] / turn_length) if turn_length > 0 else 0.0
+                turn = parameters[10] * _TURN_PEAK if turn_length > 0 and state[0] < 3 * turn_length else 0.0
                 loss = speed * abs(parameters[6]) * (1 + abs(turn))
                 longest = min(_LONGEST_STEP, _LARGEST_LOSS / loss) if loss > 0 else _LONGEST_STEP
-                if turn_length > 0 and state[0] < 6 * turn_length:
+                if turn_length > 0 and state[0] < 3 * turn_length:
                     longest = min(longest, _TURN_SHARE * turn_length / max(speed, 1.0))
                 left = times[k] - now
                 step = left if abs(left) <= longest else np.sign(left) * longest

@@ -1,0 +1,106 @@
+"""Measure how often stated events of rallies are right: the shares in `models.estimation.rally.event_chances`.
+
+    python -m benchmarks.calibrate_rallies [--rallies 30] [--seed 5000] [--missing 0.1] [--clutter 3]
+
+A simulated rally is explained from its true places with noise, gaps and clutter, as by `benchmarks.courts
+--from-truth`, and every event of the explanation is compared with the truth: it is right where one of its kind happens
+within three frames. Shares are means after Jeffreys' prior. Events that break the rules are counted in the truth. The
+seed is none of those of `benchmarks.courts` that documents state. Takes some seconds per rally.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.court_cases.court_answers import Impairment, make_candidates
+from benchmarks.court_cases.court_clips import CourtCase, CourtTruth, film_case, read_truth
+from benchmarks.court_cases.court_scores import CERTAIN_FRAMES
+from benchmarks.courts import SPORTS
+from models.core.progress import ignore_progress
+from models.core.rally import Rally, RallyEvent
+from models.estimation.rally.event_chances import DEPARTURE, LOW_HIT, SLIP, UNSEEN_START
+from models.estimation.rally.explain_rally import explain_rally
+from models.estimation.rally.play_order import advance_play, locate_event, start_play
+from models.estimation.rally.rally_building import is_low
+from models.sports.sport_catalogue import find_sports
+from video.rendering.rally_clips import simulate_rallies
+
+# Probability from which nothing speaks against an event.
+SURE = 0.99
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rallies", type=int, default=30, help="per sport")
+    parser.add_argument("--seed", type=int, default=5000)
+    parser.add_argument("--missing", type=float, default=0.1)
+    parser.add_argument("--clutter", type=float, default=3.0)
+    parser.add_argument("--simulated", type=int, default=60, help="rallies per sport in which breaks are counted")
+    parser.add_argument("--out", type=Path, default=Path("out/courts"))
+    options = parser.parse_args()
+    counts = {name: [0, 0] for name in ("unseen start", "low hit", "wrong though sure")}
+    for number in range(options.rallies):
+        for sport in SPORTS:
+            truth = read_truth(film_case(CourtCase(sport, number, options.seed, (2, 6)), options.out))
+            found = make_candidates(truth, Impairment(options.missing, options.clutter))
+            frame = np.arange(len(truth.columns["t"]))
+            rally = explain_rally(truth.scene, found, frame, truth.columns["t"], ignore_progress)
+            for name, is_counted in classify_events(truth, rally):
+                counts[name][0] += is_counted
+                counts[name][1] += 1
+    counts["against the rules"] = count_departures(options.seed, options.simulated, options.out / "rules")
+    table = Table("", "counted", "of", "share", "the program's")
+    own = (UNSEEN_START, LOW_HIT, SLIP, DEPARTURE)
+    for (name, (part, whole)), value in zip(counts.items(), own, strict=True):
+        table.add_row(name, str(part), str(whole), f"{(part + 0.5) / (whole + 1):.2g}", f"{value:g}")
+    Console().print(table)
+
+
+def classify_events(truth: CourtTruth, rally: Rally) -> list[tuple[str, bool]]:
+    """List the classes of the events of an explanation, and whether they are counted there."""
+    classes, begins = [], np.array([flight.start for flight in rally.flights])
+    for event in rally.events:
+        if event.kind == "net":
+            continue
+        right = is_right(truth, event)
+        sigma = float(np.sqrt(event.covariance[2, 2]))
+        if event.kind == "hit" and not (np.abs(begins - event.t) < 1e-6).any():
+            classes.append(("unseen start", right))
+        elif event.kind == "hit" and is_low(event.place, sigma, rally.scene.sport):
+            classes.append(("low hit", right))
+        elif event.probability >= SURE:
+            classes.append(("wrong though sure", not right))
+    return classes
+
+
+def is_right(truth: CourtTruth, event: RallyEvent) -> bool:
+    """Check whether an event of its kind happens within some frames of an event."""
+    near = [one for one in truth.stated["events"] if abs(one["t"] - event.t) * truth.fps <= CERTAIN_FRAMES]
+    return any((one["kind"] == "hit") == (event.kind == "hit") for one in near)
+
+
+def count_departures(seed: int, rallies: int, folder: Path) -> list[int]:
+    """Count the events of simulated rallies that break the rules, and all of them."""
+    steps: list[bool] = []
+    for name in SPORTS:
+        sport = find_sports()[name]
+        for path in simulate_rallies(name, seed, rallies, folder / name):
+            belief = start_play()
+            for event in json.loads(path.with_suffix(".json").read_text())["events"]:
+                place = np.array(event["place"])
+                is_off = np.array(event["kind"] != "hit" and place[2] < sport.floor / 2)
+                where = locate_event(place[0], np.array(1e-3), is_off, sport)
+                belief = advance_play(belief, event["kind"], where, sport)
+                steps.append(bool(belief.sum() < 2 * DEPARTURE))
+                belief = belief / belief.sum()
+    return [sum(steps), len(steps)]
+
+
+if __name__ == "__main__":
+    main()
