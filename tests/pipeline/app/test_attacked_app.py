@@ -204,11 +204,17 @@ def is_refusal(content: bytes) -> bool:
     return False
 
 
+def list_results(target: Target) -> dict[str, bytes]:
+    """List what the library holds, without the index and the trash of the program."""
+    files = list_tree(target.home / "library")
+    return {name: content for name, content in files.items() if ".trueroll-app" not in name}
+
+
 def test_every_attack_gets_one_sentence_and_changes_nothing(target: Target) -> None:
     attacks = list(list_attacks(target))
     assert len(attacks) >= 300
     server = psutil.Process(target.app.process.pid)
-    before = list_tree(target.home / "library")
+    before = list_results(target)
     replies = [(attack, *target.send(attack.content)) for attack in attacks]
     assert not [(one.name, status, content[:100]) for one, status, content in replies if status not in one.statuses]
     assert not [
@@ -219,8 +225,7 @@ def test_every_attack_gets_one_sentence_and_changes_nothing(target: Target) -> N
     for attack in attacks:
         target.send(attack.content)
     assert server.memory_info().rss < memory + GROWTH_BYTES
-    after = list_tree(target.home / "library")
-    assert {name: content for name, content in after.items() if ".trueroll-app" not in name} == before
+    assert list_results(target) == before
     assert (target.home / "secret.txt").read_text() == "secret"
     assert {path.name for path in target.home.iterdir()} <= {"secret.txt", "library", "cache"}
     assert target.app.ask("GET", "api/library")[0] == 200

@@ -90,7 +90,7 @@ def test_check_names_the_table_of_a_run_and_takes_its_options(capsys: pytest.Cap
     truth = json.loads((SAMPLES / "overhead_pool.truth.json").read_text())
     assert report["table"] == "2.54x1.27"
     assert len(report["warnings"]) == 1
-    assert "--ball-radius 0.02" in report["warnings"][0]
+    assert "40 mm in diameter" in report["warnings"][0]
     assert execute_command_line(["check", clip, "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert report["table"] == "pool-9ft"

@@ -66,7 +66,7 @@ def test_the_size_of_the_user_is_used_and_compared() -> None:
     wrong = calibrate(1.0, CalibrateOptions(table="pool-9ft", ball_radius=0.0325))
     assert (wrong.table.ball_radius, wrong.ball_size.source) == (0.0325, "user")
     assert len(wrong.warnings) == 1
-    assert "--ball-radius 0.0325" in wrong.warnings[0]
+    assert "65 mm in diameter" in wrong.warnings[0]
     right = calibrate(1.12, CalibrateOptions(table="pool-9ft", ball_radius=0.032))
     assert (right.table.ball_radius, right.warnings) == (0.032, ())
 
