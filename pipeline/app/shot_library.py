@@ -166,6 +166,10 @@ class ShotLibrary:
         """Read which clip a run folder was made from; an empty path where that is not known."""
         return Path(str(_read_object(folder / SOURCE_FILE).get("path", "")))
 
+    def is_clip_used(self, clip: Path) -> bool:
+        """Whether a card, as of the last `refresh`, was made from this clip, whatever its folder is called now."""
+        return any(self.read_clip(self.root / place) == clip for place in list(self._paths.values()))
+
     def identify(self, folder: Path) -> str:
         """Return the id of a folder within the library."""
         return _identify(folder.absolute().relative_to(self.root).as_posix())
