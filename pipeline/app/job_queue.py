@@ -222,7 +222,9 @@ class JobQueue:
 
     def _forget_past(self) -> None:
         """Remove the jobs that the page shows no more: nobody can retry them, so their clips would stay for ever."""
-        if any(map(_is_past, self._jobs.values())):
+        with self._change:
+            has_past = any(map(_is_past, self._jobs.values()))
+        if has_past:
             with self._exclude_others():
                 for job in list(self._jobs.values()):
                     if _is_past(job):
