@@ -139,7 +139,11 @@ def apply_corrections(options: RunOptions, corrections: Corrections) -> RunOptio
             try:
                 options = _apply_setting(options, name, value)
             except (ValueError, OptionError) as error:
-                raise OptionError(f"The corrections of the clip set {name} to {value}: {error}") from error
+                words, remedy = str(error), ""
+                if isinstance(error, OptionError):  # what else can be done, each front end says in its own words
+                    words, remedy = error.word(str, {}), error.remedy
+                sentence = f"The corrections of the clip set {name} to {value}: {words}"
+                raise OptionError(sentence, remedy=remedy) from error
     return replace(options, corrections=corrections)
 
 

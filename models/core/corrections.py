@@ -164,7 +164,8 @@ class Corrections:
         if len(corners) != 4 or not all(math.isfinite(value) for corner in corners for value in corner):
             raise ValueError("corners are four points")
         if self.ball_radius is not None and not 0 < self.ball_radius < math.inf:
-            raise ValueError(f"balls have a diameter of more than 0 mm; got {2e3 * self.ball_radius:g} mm")
+            got = f"{2e3 * self.ball_radius:g} mm (ball_radius {self.ball_radius:g} m)"
+            raise ValueError(f"balls have a diameter of more than 0 mm; got {got}")
 
     def select_span(self, first: int, stop: int) -> Corrections:
         """Return the corrections of frames `first` to `stop` - 1 of a recording."""

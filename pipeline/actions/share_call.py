@@ -44,7 +44,7 @@ def write_share_clip(
     if path.suffix.lower() != ".mp4":
         raise OptionError(f"--share writes an .mp4 file; got {path}")
     if not np.isfinite(call.t):
-        raise OptionError("--share needs a moment; this answer has none")
+        raise OptionError("A clip to share shows a moment, and this answer has none; ask for one that has")
     fit, naming = view_run(shot), record.naming
     background = estimate_hidden_background(build_ball_timeline(shot.scene, shot.tracks, fit), clip)
     words = text.question, text.headline, text.margin, text.sentence

@@ -130,7 +130,8 @@ class AnswerProcess:
             if message["type"] == "retire":
                 self._replace(child, is_needed=message["is_large"])
             elif message["type"] == "preparing":
-                self._note(preparing=message["preparing"])
+                if self._child is child:  # of one that retires, no page waits for more than the answer it asked for
+                    self._note(preparing=message["preparing"])
             else:
                 self._library.announce(**message)
         with self._lock:
@@ -250,7 +251,8 @@ class Answering:
     def __init__(self, root: Path, connection: Connection) -> None:
         self._root, self._connection = root, connection
         self._send_lock = threading.Lock()
-        self._open, self._asked, self._is_prepared = 0, time.monotonic(), False
+        self._open, self._asked, self._was_asked, self._is_prepared = 0, time.monotonic(), False, False
+        self._is_compiling = False
         self._input: asyncio.Queue[tuple[Any, ...] | None] = asyncio.Queue()
 
     def run(self) -> None:
@@ -268,7 +270,7 @@ class Answering:
         library.listeners.append(self._announce)
         desk = ShotDesk(library)
         app = build_answers(library, JobQueue(library), desk)
-        with notify_first_compilation(lambda: self._send(None, {"type": "preparing", "preparing": "compiling"})):
+        with notify_first_compilation(lambda: self._note("compiling")):
             tasks = {asyncio.create_task(self._watch(desk))}
             threading.Thread(target=self._prepare, args=(desk, library), daemon=True).start()
             while (question := await self._input.get()) is not None:
@@ -276,7 +278,8 @@ class Answering:
                 if kind == "close":
                     await run_in_threadpool(desk.close_session, *content)
                     self._send(number, None)
-                else:
+                else:  # counted here: a task begins later, and the input may have ended by then
+                    self._open, self._asked, self._was_asked = self._open + 1, time.monotonic(), True
                     task = asyncio.create_task(self._answer(app, number, *content))
                     tasks.add(task)
                     task.add_done_callback(tasks.discard)
@@ -286,15 +289,21 @@ class Answering:
 
     def _prepare(self, desk: ShotDesk, library: ShotLibrary) -> None:
         """Load compiled code, or compile it, by what the page will ask about the newest shot."""
-        newest = islice((card.id for card in library.list_cards() if card.kind == "shot"), PREPARED_FROM)
-        for shot in newest:
-            with suppress(Refusal, TruerollError):  # a folder that cannot be read is refused when it is asked for
-                opened = desk.open(shot)
-                opened.prepare()
-                opened.prepare_prediction()
-                break
-        self._is_prepared, self._asked = True, time.monotonic()
-        self._send(None, {"type": "preparing", "preparing": ""})
+        try:
+            for shot in islice((card.id for card in library.list_cards() if card.kind == "shot"), PREPARED_FROM):
+                with suppress(Refusal, TruerollError):  # a folder that cannot be read is refused when it is asked for
+                    opened = desk.open(shot)
+                    opened.prepare()
+                    opened.prepare_prediction()
+                    break
+        finally:  # whatever prevents it, such as a full disk, prevents neither answers nor the end
+            self._is_prepared, self._asked = True, time.monotonic()
+            self._note("")
+
+    def _note(self, preparing: str) -> None:
+        """Tell the page what keeps this process from answering at once."""
+        self._is_compiling = preparing == "compiling"
+        self._send(None, {"type": "preparing", "preparing": preparing})
 
     def _read(self, loop: asyncio.AbstractEventLoop) -> None:
         """Read the input, in a thread of its own."""
@@ -327,7 +336,6 @@ class Answering:
         async def send(message: Message) -> None:
             await run_in_threadpool(self._send, number, dict(message))
 
-        self._open, self._asked = self._open + 1, time.monotonic()
         try:
             with suppress(Exception):  # a fault is answered too, and raised again for a log
                 await app(scope, receive, send)
@@ -341,8 +349,10 @@ class Answering:
         own = psutil.Process()
         while True:
             await asyncio.sleep(LOOK_S)
+            if self._is_compiling and self._is_prepared and not self._open:  # it was for a question
+                self._note("")
             quiet = time.monotonic() - self._asked
-            is_large = own.memory_info().rss > RENEWAL_BYTES
+            is_large = self._was_asked and own.memory_info().rss > RENEWAL_BYTES  # else its successor would be too
             is_at_rest = self._is_prepared and not self._open and quiet > (QUIET_S if is_large else IDLE_S)
             if is_at_rest and desk.can_be_closed:
                 self._send(None, {"type": "retire", "is_large": is_large})

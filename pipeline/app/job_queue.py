@@ -213,14 +213,18 @@ class JobQueue:
     def _forget(self, job: Job) -> None:
         """Remove a job that has ended, with the uploaded clip if nothing came of it. The caller excludes others."""
         self._library.refresh()
-        is_needed = self._has_card(job) or any(one.clip == job.clip and one.id != job.id for one in self._jobs.values())
-        if job.state != "done" and Path(job.clip).parent == self._library.clips and not is_needed:
-            Path(job.clip).unlink(missing_ok=True)
+        clip, others = Path(job.clip), [one for one in self._jobs.values() if one.id != job.id]
+        if job.state != "done" and clip.parent == self._library.clips and not (
+            self._has_card(job) or any(one.clip == job.clip for one in others) or self._library.is_clip_used(clip)
+        ):  # fmt: skip
+            clip.unlink(missing_ok=True)
         self._remove(job)
 
     def _forget_past(self) -> None:
         """Remove the jobs that the page shows no more: nobody can retry them, so their clips would stay for ever."""
-        if any(map(_is_past, self._jobs.values())):
+        with self._change:
+            has_past = any(map(_is_past, self._jobs.values()))
+        if has_past:
             with self._exclude_others():
                 for job in list(self._jobs.values()):
                     if _is_past(job):

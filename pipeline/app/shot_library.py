@@ -129,6 +129,7 @@ class ShotLibrary:
         self._lock = threading.RLock()
         self._folders = self._read_index()
         self._paths: dict[str, str] = {}
+        self._former_names: dict[str, str] = {}
         self._revision = int(time.time() * 10)  # grows also from one start to the next
         self.refresh()
 
@@ -165,6 +166,10 @@ class ShotLibrary:
     def read_clip(self, folder: Path) -> Path:
         """Read which clip a run folder was made from; an empty path where that is not known."""
         return Path(str(_read_object(folder / SOURCE_FILE).get("path", "")))
+
+    def is_clip_used(self, clip: Path) -> bool:
+        """Whether a card, as of the last `refresh`, was made from this clip, whatever its folder is called now."""
+        return any(self.read_clip(self.root / place) == clip for place in list(self._paths.values()))
 
     def identify(self, folder: Path) -> str:
         """Return the id of a folder within the library."""
@@ -270,16 +275,23 @@ class ShotLibrary:
             Refusal: There is no such card, or the name cannot be used.
         """
         folder = self.find_folder(shot)
-        place = folder.with_name(clean_name(name) or folder.name)
-        if place.name != name or (place.parent == self.root and name in (CLIP_FOLDER, SESSION_FOLDER)):
-            raise Refusal(
-                422, f"A name has 1 to {MAX_NAME_BYTES} letters, no dot at its start, and none of {NO_LETTERS} ."
-            )
-        if place.exists():
+        if name != self._former_names.get(shot):  # which may be one that only a command line gives
+            if len(name.encode(errors="replace")) > MAX_NAME_BYTES:
+                raise Refusal(422, "This name is too long; choose a shorter one.")
+            if not name or clean_name(name) != name:
+                allowed = f"none of {NO_LETTERS} , no dot at its start, and no space at its ends"
+                raise Refusal(422, f"A name has at least one letter, {allowed}.")
+            if folder.parent == self.root and name in (CLIP_FOLDER, SESSION_FOLDER):
+                raise Refusal(422, f"The library itself has a folder {name}; choose another name.")
+        place = folder.with_name(name)
+        # Where the case of letters is ignored, the new name may be that of the folder itself.
+        is_other = name == folder.name or (place.exists() and not os.path.samestat(place.lstat(), folder.lstat()))
+        if is_other:
             raise Refusal(409, f"There is something with the name {name} already; choose another name.")
         for close in self.closing_listeners:
             close(shot)
         folder.rename(place)
+        self._former_names[self.identify(place)] = folder.name
         self.announce_changes()
         return self.identify(place), folder.name
 

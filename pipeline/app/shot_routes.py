@@ -44,7 +44,7 @@ from pipeline.editing.edit_session import ConflictError, EditSession
 from pipeline.io.corrections_file import SCHEMA, parse_corrections
 from pipeline.io.strict_json import replace_nonfinite
 from pipeline.reporting.text.call_sentences import format_call
-from pipeline.reporting.text.text_formatting import format_meeting, start_sentence
+from pipeline.reporting.text.text_formatting import format_error, format_meeting, start_sentence
 
 # Computations, and decodings of frames, that run at the same time: a page must not use up the machine.
 COMPUTING, DECODING = 2, 2
@@ -130,7 +130,7 @@ class ShotHandlers:
         try:
             session = self._desk.open_session(shot)
         except (TruerollError, OSError) as error:
-            why_not = f"This shot cannot be corrected: {' '.join(str(error).split())}"
+            why_not = f"This shot cannot be corrected: {format_error(error, for_page=True)}"
         opened.warm_up()
         return describe_shot(opened, session, why_not) | own
 

@@ -13,7 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.errors import OptionError
 from pipeline.engine.atomic_write import write_text
-from pipeline.io.strict_json import format_first_error
+from pipeline.io.strict_json import UNKNOWN_KEY_ERRORS, format_first_error
 
 SCHEMA = "trueroll.corrections/1"
 SUFFIX = ".corrections.json"
@@ -118,7 +118,7 @@ def parse_corrections(document: Any) -> CorrectionsFile:
     except ValidationError as error:
         words = format_first_error(error).removeprefix("corrections").lstrip(".: ")
         mistake = error.errors(include_url=False)[0]
-        if mistake["type"] not in ("missing", "value_error"):  # else the value is the whole object
+        if mistake["type"] not in ("missing", "value_error", *UNKNOWN_KEY_ERRORS):  # else the value says nothing
             words += f"; got {json.dumps(mistake['input'], default=str)[:60]}"
         raise ValueError(words) from error
     if content.revision < 0:

@@ -82,7 +82,7 @@ def _format_deceleration(value: float) -> str:
     agreeing = f" ({factor:.1f} times the stated one would agree)" if math.isfinite(factor) else ""
     return (
         f"Rolling balls slow down by {value:.2g} m/s², where {low:g} to {high:g} are usual on every table that fits:"
-        f" the frame rate or the size of the table is wrong. If you know the rate{agreeing}, run it again with --fps."
+        f" the frame rate or the size of the table is wrong. If you know the rate{agreeing}, run it again with that."
     )
 
 

@@ -37,11 +37,16 @@ def read_json(path: Path, expected: str) -> Any:
         raise OptionError(f"{path} is not whole JSON; correct {place}, or write it again") from error
 
 
+# What pydantic calls a key that a form does not have: of a dataclass, and of a model or dictionary.
+UNKNOWN_KEY_ERRORS = ("unexpected_keyword_argument", "extra_forbidden")
+
+
 def format_first_error(error: ValidationError) -> str:
     """Format the first mistake of a file: its place and what is wrong."""
     mistake = error.errors(include_url=False)[0]
     place = ".".join(map(str, mistake["loc"])) or "the file"
-    words = mistake["msg"].removeprefix("Value error, ")
+    is_unknown = mistake["type"] in UNKNOWN_KEY_ERRORS
+    words = "there is no such key" if is_unknown else mistake["msg"].removeprefix("Value error, ")
     return f"{place}: {words[:1].lower()}{words[1:]}"
 
 

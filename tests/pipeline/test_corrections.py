@@ -11,11 +11,13 @@ from support.planted_mistakes import OPTIONS, SilentWatcher
 from support.sample_clips import SAMPLES
 
 from models.core.corrections import BallMark, BallPlace, ContactCorrection, Corrections, TrackEdit
+from models.core.errors import COMMAND_REMEDIES, OptionError
 from pipeline.batch.clip_job import ClipJob
 from pipeline.batch.clip_run import run_job
 from pipeline.chain import build_shot_graph, honour_corrections
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.corrections_file import CorrectionsFile, corrections_path, write_corrections
+from pipeline.reporting.text.text_formatting import format_error
 from pipeline.run_options import apply_corrections, build_options, list_overridden_flags, list_setting_values
 
 
@@ -34,6 +36,15 @@ def test_what_the_command_line_beats_is_named_and_is_no_correction_of_the_run(tm
     typed = build_options({"table": "pool-9ft", "corners": "10,10, 200,10.0, 200,100, 10,100", "ball_radius": 0.03})
     assert list_overridden_flags(typed, by_hand) == ("--table",)
     assert apply_corrections(typed, by_hand).corrections == Corrections(fps="25")
+
+
+def test_a_correction_that_cannot_be_used_is_refused_in_the_words_of_each_front_end() -> None:
+    with pytest.raises(OptionError) as caught:
+        apply_corrections(build_options({}), Corrections(ball_radius=3.0))
+    command, page = (format_error(caught.value, for_page=for_page) for for_page in (False, True))
+    assert command == f"{page}; {COMMAND_REMEDIES['radius']}"
+    assert page.startswith("The corrections of the clip set ball_radius to 3.0: balls are ")
+    assert "--" not in page
 
 
 PLACE = BallPlace(3, 100.0, 50.0)

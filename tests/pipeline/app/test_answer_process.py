@@ -28,19 +28,33 @@ SERVER_BYTES, GROWTH_BYTES = 130e6, 10e6
 
 
 @pytest.mark.parametrize(
-    ("is_large", "quiet_s", "can_be_closed", "retires"),
+    ("is_large", "was_asked", "quiet_s", "can_be_closed", "retires"),
     [
-        (True, 10.0, True, True),
-        (True, 0.0, True, False),
-        (True, 10.0, False, False),
-        (False, 10.0, True, False),
-        (False, 1e6, True, True),
-        (False, 1e6, False, False),
+        (True, True, 10.0, True, True),
+        (True, False, 10.0, True, False),
+        (True, True, 0.0, True, False),
+        (True, True, 10.0, False, False),
+        (False, True, 10.0, True, False),
+        (False, True, 1e6, True, True),
+        (False, True, 1e6, False, False),
     ],
-    ids=["large", "asked just now", "undo would be lost", "small", "idle", "idle, but undo would be lost"],
+    ids=[
+        "large",
+        "as large as any",
+        "asked just now",
+        "undo would be lost",
+        "small",
+        "idle",
+        "idle, but undo would be lost",
+    ],
 )
 def test_a_process_retires_when_it_is_large_or_idle_and_nobody_loses_anything(
-    is_large: bool, quiet_s: float, can_be_closed: bool, retires: bool, monkeypatch: pytest.MonkeyPatch
+    is_large: bool,
+    was_asked: bool,
+    quiet_s: float,
+    can_be_closed: bool,
+    retires: bool,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(answer_process, "RENEWAL_BYTES", 0 if is_large else 1e15)
     monkeypatch.setattr(answer_process, "LOOK_S", 0.01)
@@ -49,6 +63,7 @@ def test_a_process_retires_when_it_is_large_or_idle_and_nobody_loses_anything(
     async def watch() -> None:
         answering = Answering(Path(), child)
         answering._asked, answering._is_prepared = time.monotonic() - quiet_s, True
+        answering._was_asked = was_asked
         desk: Any = SimpleNamespace(can_be_closed=can_be_closed)
         await asyncio.wait_for(answering._watch(desk), 0.2)
 
@@ -59,6 +74,73 @@ def test_a_process_retires_when_it_is_large_or_idle_and_nobody_loses_anything(
         with pytest.raises(TimeoutError):
             asyncio.run(watch())
         assert not server.poll()
+
+
+@pytest.mark.parametrize(("is_prepared", "open_questions"), [(True, 0), (True, 1), (False, 0)])
+def test_the_note_of_a_compilation_ends_with_the_question_that_needs_it(
+    is_prepared: bool, open_questions: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(answer_process, "LOOK_S", 0.01)
+    server, child = Pipe()
+
+    async def watch() -> None:
+        answering = Answering(Path(), child)
+        answering._is_prepared, answering._open = is_prepared, open_questions
+        answering._note("compiling")
+        desk: Any = SimpleNamespace(can_be_closed=True)
+        await asyncio.wait_for(answering._watch(desk), 0.2)
+
+    with pytest.raises(TimeoutError):
+        asyncio.run(watch())
+    child.close()
+    notes = [server.recv()[1]["preparing"]]
+    while server.poll():
+        try:
+            notes.append(server.recv()[1]["preparing"])
+        except EOFError:
+            break
+    assert notes == ["compiling", *([""] if is_prepared and not open_questions else [])]
+
+
+def test_a_process_that_could_not_be_prepared_answers_and_retires_all_the_same() -> None:
+    server, child = Pipe()
+
+    def list_cards() -> list[Any]:
+        raise OSError(28, "No space left on device")
+
+    async def prepare() -> None:
+        answering, desk = Answering(Path(), child), Any
+        library: Any = SimpleNamespace(list_cards=list_cards)
+        with pytest.raises(OSError, match="No space"):
+            answering._prepare(desk, library)  # type: ignore[arg-type]
+        assert answering._is_prepared
+
+    asyncio.run(prepare())
+    assert server.recv() == (None, {"type": "preparing", "preparing": ""})
+
+
+def test_a_question_is_answered_though_the_input_ends_right_after_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = list[Any]()
+
+    async def app(scope: Any, *_: Any) -> None:
+        await asyncio.sleep(0.01)
+        asked.append(scope)
+
+    async def serve() -> None:
+        answering = Answering(tmp_path, Pipe()[1])
+
+        def put() -> None:
+            answering._input.put_nowait((0, "answer", "a question", b""))
+            answering._input.put_nowait(None)
+
+        monkeypatch.setattr(answering, "_read", lambda loop: loop.call_soon_threadsafe(put))
+        await answering._serve()
+
+    monkeypatch.setattr(answer_process, "build_answers", lambda *_: app)
+    asyncio.run(serve())
+    assert asked == ["a question"]
 
 
 @pytest.mark.slow

@@ -359,6 +359,43 @@ def test_dismissing_keeps_a_clip_that_something_else_needs(tmp_path: Path) -> No
     assert clip.exists()
 
 
+@pytest.mark.parametrize("state", ["failed", "cancelled"])
+def test_the_clip_of_a_renamed_card_stays(state: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    root, clip = tmp_path / "library", tmp_path / "library" / "clips" / "one.mp4"
+    queue = JobQueue(library := ShotLibrary(root))
+    job = queue.add_clip(clip, write_clip(tmp_path))["id"]
+    write_run(root / "one")  # the quick result
+    (root / "one" / "source.json").write_text(json.dumps({"path": str(clip)}))
+    queue._update(job, ("waiting",), state=state)
+    library.rename(library.identify(root / "one"), "two")
+    monkeypatch.setattr(job_queue, "KEEP_DONE_S", 0.0)
+    queue._forget_past()
+    if state == "failed":
+        queue.dismiss(job)
+    assert (queue.describe(), clip.exists()) == ([], True)
+
+
+def test_past_jobs_are_looked_for_while_others_are_added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    queue = JobQueue(ShotLibrary(tmp_path / "library"))
+    queue.add_clip(write_clip(tmp_path))
+    adding = list[threading.Thread]()
+
+    def add() -> None:
+        with queue._change:
+            queue._jobs |= {"new": next(iter(queue._jobs.values()))}
+
+    def is_past(_: object) -> bool:
+        if not adding:
+            adding.append(threading.Thread(target=add))
+            adding[0].start()
+            adding[0].join(0.2)
+        return False
+
+    monkeypatch.setattr(job_queue, "_is_past", is_past)
+    queue._forget_past()
+    adding[0].join()
+
+
 @pytest.mark.parametrize("status", [0, 1])
 def test_a_command_that_fails_over_earlier_results_has_failed(
     status: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -274,3 +274,49 @@ def test_two_thousand_shots_are_filtered_and_scrolled_at_once(
     assert times["cards"] < 80
     assert min(times["filter"]) < SOON_MS  # the least of five: the others measure what else the machine does
     assert min(times["scroll"]) < SOON_MS
+
+
+MOVE = """const [isFinal, predicts, done] = arguments;
+(async () => {
+  const at = (name) => import(new URL(name, document.baseURI));
+  const [{ html }, { render }, { createStore }, { PlayTab }] =
+    await Promise.all(["html.js", "vendor/preact.js", "store.js", "tabs/play_tab.js"].map(at));
+  const root = document.body.appendChild(document.createElement("main"));
+  const move = (value) => {
+    const slider = root.querySelector("#speed_percent");
+    slider.value = value;
+    slider.dispatchEvent(new Event("input", { bubbles: true }));
+  };
+  const wait = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
+  const asked = [];
+  window.fetch = async (path, { body, signal }) => {
+    const given = JSON.parse(body);
+    const own = path === "predict" ? "predicted" : `${given.speed_percent}${given.is_quick ? " quickly" : ""}`;
+    asked.push(own);
+    if (own === "1 quickly" && !predicts) setTimeout(() => move(2));
+    await wait(own === "1 quickly" ? 20 : 800);
+    if (signal.aborted) throw new DOMException("", "AbortError");
+    return new Response(JSON.stringify({ sentences: [own], is_final: isFinal || !given.is_quick }));
+  };
+  const desk = createStore({ played: null });
+  const player = { clock: createStore({ t: 0 }) };
+  render(html`<${PlayTab} shot=${{ desk, player, address: (path) => path }} />`, root);
+  move(1);
+  if (predicts) [...root.querySelectorAll("button")].at(-1).click();
+  await wait(2500);
+  done([asked, desk.get().played.sentences[0]]);
+})();"""
+"""Script: two moves of a slider, the second while the first is answered, or a prediction after one move; what is asked
+for, and what is shown in the end."""
+
+
+@pytest.mark.parametrize("is_final", [True, False])
+def test_what_is_asked_last_is_shown(is_final: bool, browser: webdriver.Chrome, tmp_path: Path) -> None:
+    with serve_app(tmp_path) as server:
+        browser.get(server.url)
+        moved = browser.execute_async_script(MOVE, is_final, False)
+        browser.refresh()
+        predicted = browser.execute_async_script(MOVE, is_final, True)
+        browser.get("about:blank")
+    assert moved == [["1 quickly", "2 quickly", *(() if is_final else ("2",))], "2 quickly" if is_final else "2"]
+    assert predicted == [["predicted"], "predicted"]

@@ -206,3 +206,26 @@ def test_a_clip_that_is_only_named_by_its_path_is_not_deleted(tmp_path: Path) ->
     library.delete(library.list_cards()[0].id)
     library.empty_trash()
     assert clip.read_bytes() == b"clip"
+
+
+def test_a_name_is_refused_for_what_is_wrong_with_it_and_an_old_one_is_taken_back(tmp_path: Path) -> None:
+    write_run(tmp_path / "a: shot")
+    library = ShotLibrary(tmp_path)
+    shot, before = library.rename(library.identify(tmp_path / "a: shot"), "better")
+    with pytest.raises(Refusal, match="too long"):
+        library.rename(shot, "Ü" * 100)
+    with pytest.raises(Refusal, match="none of"):
+        library.rename(shot, "another: shot")
+    assert library.rename(shot, before)[0] == library.identify(tmp_path / "a: shot")
+
+
+def test_the_case_of_a_name_is_changed_where_the_file_system_ignores_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_run(tmp_path / "shot")
+    library = ShotLibrary(tmp_path)
+    plain = Path.lstat
+    monkeypatch.setattr(Path, "exists", lambda path: True)
+    monkeypatch.setattr(Path, "lstat", lambda path: plain(path.with_name(path.name.lower())))
+    library.rename(library.identify(tmp_path / "shot"), "Shot")
+    assert [path.name for path in tmp_path.iterdir() if not path.name.startswith(".")] == ["Shot"]

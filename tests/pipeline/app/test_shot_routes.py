@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import patch
 from weakref import ref
 
 import numpy as np
@@ -22,9 +23,12 @@ from support.carom_start import SLOW, Home
 
 import pipeline.app.open_shots as open_shots
 import trueroll
+from models.core.errors import OptionError
 from models.core.number_format import format_measured
 from models.core.shot import Shot
 from pipeline.actions.play_otherwise import PLAYS
+from pipeline.actions.share_call import write_share_clip
+from pipeline.app.open_shots import ShotDesk
 from pipeline.app.shot_document import describe_shot
 from pipeline.app.shot_library import ShotLibrary
 from pipeline.editing.edited_clip import EditedClip
@@ -300,6 +304,10 @@ def test_an_empty_run_a_failed_one_and_a_moved_clip_get_a_sentence_each(tmp_path
     first = page.ask("POST", "/ask", {"question": "first"})
     assert first.sentence == "The clip does not show which ball was struck; name one."
     assert page.ask("POST", "/what-if", {}).sentence.startswith("physics could not be fitted")
+    sentence = OptionError("the table is unknown", option="corners", remedy="radius")
+    with patch.object(ShotDesk, "open_session", side_effect=sentence):
+        notice = page.get()["notice"]
+    assert notice == "This shot cannot be corrected: The corners of the table the table is unknown"
     (folder / "clip.mp4").unlink()
     document = page.get()
     assert document["clip"] is False
@@ -381,3 +389,12 @@ def test_images_that_a_browser_keeps_have_other_addresses_after_a_change(page: S
     source.write_text(source.read_text() + "\n")
     assert other.get()["version"] != before
     other.close()
+
+
+def test_a_clip_to_share_without_a_moment_is_refused_in_words_of_the_page() -> None:
+    anything: Any = None
+    call: Any = SimpleNamespace(t=float("nan"))
+    with pytest.raises(OptionError) as caught:
+        write_share_clip(anything, call, anything, anything, anything, anything, Path("a.mp4"))
+    assert "moment" in str(caught.value)
+    assert "--" not in str(caught.value)

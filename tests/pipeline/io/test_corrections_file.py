@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -111,6 +113,19 @@ def test_a_malformed_file_gets_one_sentence(content: object, tmp_path: Path) -> 
     assert sentence.endswith("; mend it, or move it away")
     assert "\n" not in sentence
     assert len(sentence) < len(str(tmp_path)) + 400
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ({"zzz": 1}, "zzz: there is no such key"),
+        ({"balls": [{"kind": "false", "ball": BALL | {"q": 2}}]}, "balls.0.ball.q: there is no such key"),
+        ({"ball_radius": -1}, "balls have a diameter of more than 0 mm; got -2000 mm (ball_radius -1 m)"),
+    ],
+)
+def test_a_mistake_is_named_as_it_was_written(content: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=f"^{re.escape(words)}$"):
+        parse_corrections({"schema": SCHEMA, **content})
 
 
 def test_a_file_that_cannot_be_written_gets_one_sentence(tmp_path: Path) -> None:

@@ -24,10 +24,12 @@ export function PlayTab({ shot }) {
   const [error, setError] = useState("");
   const running = useRef(null);
   const timer = useRef(0);
-  useEffect(() => () => { clearTimeout(timer.current); running.current?.abort(); shot.desk.set({ played: null }); }, [shot]);
+  /** Forget what was asked, or would be: an answer to it must not follow a later question. */
+  const stop = () => { clearTimeout(timer.current); running.current?.abort(); running.current = null; };
+  useEffect(() => () => { stop(); shot.desk.set({ played: null }); }, [shot]);
 
   const request = async (path, body, isBetter = false) => {
-    running.current?.abort();
+    stop();
     const control = new AbortController();
     running.current = control;
     setIsBusy(!isBetter); // a first answer is shown already
@@ -48,12 +50,11 @@ export function PlayTab({ shot }) {
   const set = (name, value) => {
     const next = { ...change, [name]: value };
     setChange(next);
-    clearTimeout(timer.current);
+    stop();
     timer.current = setTimeout(() => request("what-if", { ...next, is_quick: true }), WAIT_MS);
   };
   const reset = () => {
-    clearTimeout(timer.current);
-    running.current?.abort();
+    stop();
     setChange(NONE);
     setIsBusy(false);
     shot.desk.set({ played: null });

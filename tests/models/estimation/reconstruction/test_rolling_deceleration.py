@@ -37,4 +37,4 @@ def test_a_doubted_rate_is_said_and_the_level_is_not_green() -> None:
     trust = assess_run_trust((Note("implausible_deceleration", "0.011"),), fit)
     assert trust.level == "amber"
     assert "slow down by 0.011 m/s²" in trust.reasons[0]
-    assert "(3.0 times the stated one would agree), run it again with --fps" in trust.reasons[0]
+    assert "(3.0 times the stated one would agree), run it again with that." in trust.reasons[0]
