@@ -101,6 +101,20 @@ def test_a_wrong_coefficient_of_a_file_is_reported_and_is_no_missing_effect(tmp_
     assert fitted.sigma < 0.001
 
 
+def test_a_report_states_how_much_of_a_long_log_was_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "swing_model.py").write_text(SWING)
+    write_swings(tmp_path / "real.csv", 0.3)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    whole = diagnose_mechanism([tmp_path / "real.csv"], "swing_model:swing")[0]
+    assert not any("windows of the log" in note for note in whole.notes)
+    monkeypatch.setattr("diagnosis.selection.study.ENOUGH_WINDOWS", 5)
+    thinned = diagnose_mechanism([tmp_path / "real.csv"], "swing_model:swing")[0]
+    note = next(note for note in thinned.notes if "windows of the log" in note)
+    used, all_windows = (int(word) for word in note.split() if word.isdigit())
+    assert 0 < used < all_windows
+
+
 def test_python_takes_a_simulator_too(tmp_path: Path):
     write_swings(tmp_path / "real.csv", 0.0)
     with pytest.raises(trueroll.TruerollError, match="--simulator takes"):
