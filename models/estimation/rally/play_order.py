@@ -31,7 +31,7 @@ def start_play(sport: Sport) -> FloatArray:
     belief[_OVER] = 0.0
     if not sport.serves_on_own_half:
         belief[[_SERVED, _SERVED + 4]] = 0.0
-    return belief / belief.sum()
+    return _normalize(belief)
 
 
 def locate_event(x: FloatArray, sigma: FloatArray, is_off: BoolArray, sport: Sport) -> FloatArray:
