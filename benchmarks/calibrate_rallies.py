@@ -91,7 +91,7 @@ def count_departures(seed: int, rallies: int, folder: Path) -> list[int]:
     for name in SPORTS:
         sport = find_sports()[name]
         for path in simulate_rallies(name, seed, rallies, folder / name):
-            belief = start_play()
+            belief = start_play(sport)
             for event in json.loads(path.with_suffix(".json").read_text())["events"]:
                 place = np.array(event["place"])
                 is_off = np.array(event["kind"] != "hit" and place[2] < sport.floor / 2)

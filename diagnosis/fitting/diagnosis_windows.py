@@ -27,8 +27,9 @@ MIN_OBSERVATIONS = 2
 SHORT_SEGMENT_S = 0.5
 # Largest lack of fit at which a fit is accepted without another attempt.
 _GOOD_LACK_OF_FIT = 4.0
-# Median residual from which a simulation has diverged from the observations, standard deviations; with less noise, a
-# simulation that only lacks something misses by more, and has diverged where it misses by more than all of the motion.
+# Median residual from which a simulation has diverged from the observations, standard deviations. Where noise is small
+# against the motion, a simulation that lacks an effect misses by more without having diverged: it then has where the
+# residual is larger than the extent of the whole motion.
 _DIVERGED_SIGMAS = 30.0
 # Largest number of times that segments are split further.
 _MAX_ROUNDS = 3
@@ -46,6 +47,11 @@ def split_into_segments(problem: DiagnosisProblem, recordings: tuple[Recording, 
     """
     whole = (segment for recording in recordings for segment in problem.scene.split_recording(recording))
     return tuple(segment for segment in whole if segment.is_observed.any(axis=1).sum() >= MIN_ROWS)
+
+
+def count_windows(problem: DiagnosisProblem, recordings: tuple[Recording, ...]) -> int:
+    """Count the windows of all recordings."""
+    return sum(len(problem.scene.split_recording(one)) for one in recordings)
 
 
 def thin_out_windows(problem: DiagnosisProblem, recordings: tuple[Recording, ...], most: int) -> tuple[Recording, ...]:

@@ -33,6 +33,8 @@ PARAMETERS: Mapping[str, str] = {
     "seen": "measured over true lengths",
     "dry_2": "dry, second joint",
     "viscous_2": "viscous, second joint",
+    "damping": "servo damping",
+    "limit": "upper limit",
 }
 _FREE_FORMULAS: Mapping[str, str] = {
     "sliding_friction": "a = −μ g, against the motion",
@@ -133,6 +135,9 @@ def format_parameter(name: str) -> str:
     """
     effect, _, own = name.rpartition(".")
     word = PARAMETERS.get(own, _replace_underscores(own))
+    strength, _, site = own.partition("_")
+    if own not in PARAMETERS and strength in PARAMETERS:  # of one joint or actuator of several
+        word = f"{PARAMETERS[strength]} of {_replace_underscores(site)}"
     return f"{format_cause(effect)}, {word}" if effect else word
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -230,7 +231,7 @@ def can_simulate(problem: DiagnosisProblem, like: EffectFit, forms: tuple[str, .
     Returns:
         True where all observations can be simulated.
     """
-    return not any(is_lost(misfit).any() for misfit in simulate_misfits(problem, like, forms, shared))
+    return not any(is_lost(misfit).any() for misfit in _iterate_misfits(problem, like, forms, shared))
 
 
 def simulate_misfits(
@@ -247,10 +248,18 @@ def simulate_misfits(
     Returns:
         Residuals (K, d) of each window.
     """
+    return list(_iterate_misfits(problem, like, forms, shared))
+
+
+def _iterate_misfits(
+    problem: DiagnosisProblem, like: EffectFit, forms: tuple[str, ...], shared: FloatArray
+) -> Iterator[FloatArray]:
+    """Simulate one window after the other, as far as they are asked for, where a model does not do so together."""
     model = build_window_model(problem, like.segments, forms, np.zeros(len(shared), bool))
     count = len(like.segments)
     together = simulate_ahead(model, range(count), like.starts, [shared] * count, has_jacobians=False)
-    return [simulate_window(together, k, start, shared).residual for k, start in enumerate(like.starts)]
+    for k, start in enumerate(like.starts):
+        yield simulate_window(together, k, start, shared).residual
 
 
 def fit_start_states(

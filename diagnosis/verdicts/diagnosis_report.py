@@ -102,6 +102,9 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
     )
     if np.isfinite(study.used_duration):  # of the search; hold-out shots are always predicted as a whole
         notes += (f"the search used the first {study.used_duration:.1f} s of each shot",)
+    count, windows = study.used_windows
+    if count < windows:
+        notes += (f"the search used {count} of {windows} windows of the log, evenly over its time",)
     if outside is not study.full:
         notes += (_PATCH_NOTE,)
     acting = {choice.name: choice.phases for choice in scene.alternatives}

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -95,6 +96,9 @@ class FlyingObject:
     """m by which those of a shuttle do when it begins to turn over."""
 
 
+BounceRule = Literal["none", "optional", "required"]
+
+
 @dataclass(frozen=True, slots=True)
 class Sport:
     """A sport over a net."""
@@ -118,8 +122,8 @@ class Sport:
     """m above the floor up to which players hit."""
     surroundings: tuple[float, float] = (4.0, 3.0)
     """m behind the ends and beside the sides of the court in which players hit."""
-    bounces: tuple[int, int] = (0, 0)
-    """Least and largest number of bounces on the half of a player before the object is hit back."""
+    bounce: BounceRule = "none"
+    """Whether the object bounces once on the half of a player before it is hit back."""
     serves_on_own_half: bool = False
     """Whether a service first touches the half of the server, and then the other."""
     is_filmed_from_side: bool = False

@@ -223,13 +223,16 @@ def measure_log_determinant(jacobian: FloatArray) -> float:
     determinant of zero would make the least determined fit the most probable one.
 
     Returns:
-        The logarithm; -inf where the columns are dependent.
+        The logarithm; -inf where the columns are dependent, but for rounding.
     """
     scale = np.linalg.norm(jacobian, axis=0)
     if len(jacobian) < jacobian.shape[1] or not scale.all():
         return -np.inf
     diagonal = np.abs(np.diag(np.linalg.qr(jacobian / scale, mode="r")))
-    return 2 * float((np.log(diagonal) + np.log(scale)).sum()) if diagonal.all() else -np.inf
+    # what rounding leaves of a column that others replace: the rule for ranks of Golub and Van Loan, section 5.5.8
+    if diagonal.min() <= np.finfo(np.float64).eps * max(jacobian.shape):
+        return -np.inf
+    return 2 * float((np.log(diagonal) + np.log(scale)).sum())
 
 
 def count_determined(jacobian: FloatArray) -> int:

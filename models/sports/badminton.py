@@ -3,8 +3,9 @@
 The drag is that of a terminal speed of 6.8 m/s (Chen, Pan and Chen 2009, J. Sports Sci. Med. 8, 643; 6.51 to 6.87 m/s);
 the turn-over after a hit takes 20 to 30 ms at 50 m/s, changes the drag and pushes the shuttle aside by about a third of
 the drag; its swinging dies down over two to three metres (Cohen et al. 2015, New J. Phys. 17, 063001). How much larger
-the drag gets is the mean of two sources that disagree, and half their difference: filmed flights want 0.7
-(`benchmarks.shuttle_flights`), a nose that turns as stated there and has 1.8 times the drag across the path gives 2.
+the drag gets is known of two kinds of shuttles that disagree: filmed flights want 0.7 (`benchmarks.shuttle_flights`), a
+nose that turns as stated there and has 1.8 times the drag across the path gives 2. `TURN_DRAG` is what they tell of a
+third kind.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ SPORT = Sport(
     FlyingObject(
         "ball", radius=0.020, mass=0.0027, drag=Range(0.126, 0.02), drag_exponent=Range(0.0, 0.05), lift=0.06,
         turn_drag=Range(0.0, 0.0), turn_length=0.0, restitution=Range(0.86, 0.06), retention=Range(0.9, 0.25),
-        max_speed=35.0, law_error=0.001,
+        max_speed=35.0,
     ),
     areas={
         "singles": HALVES,
@@ -42,7 +42,7 @@ SPORT = Sport(
     floor=-HEIGHT,
     reach=2.6,
     surroundings=(3.0, 2.0),
-    bounces=(1, 1),
+    bounce="required",
     serves_on_own_half=True,
     is_filmed_from_side=True,
 )  # fmt: skip

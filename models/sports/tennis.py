@@ -52,5 +52,5 @@ SPORT = Sport(
     default_area="singles",
     reach=3.3,
     surroundings=(7.0, 4.5),
-    bounces=(0, 1),
+    bounce="optional",
 )  # fmt: skip

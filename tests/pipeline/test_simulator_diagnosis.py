@@ -33,14 +33,19 @@ ARM = """<mujoco><compiler angle="radian"/><option timestep="0.002" integrator="
 <actuator><motor name="motor" joint="hinge"/></actuator></mujoco>"""
 
 
-def write_swings(path: Path, viscous: float) -> None:
-    """Write six swings of a pendulum with viscous friction, of 1.2 s at 50 Hz with noise of 1 mrad, as CSV or MCAP."""
+def write_swings(path: Path, viscous: float, seconds: float = 1.2) -> None:
+    """Write six swings of a pendulum with viscous friction, at 50 Hz with noise of 1 mrad, as CSV or MCAP."""
     rng, rows = np.random.default_rng(1), []
-    t = np.arange(60) / 50
+    t = np.arange(round(50 * seconds)) / 50
     for shot in range(6):
         start = [rng.uniform(0.5, 1.2), rng.uniform(-1, 1)]
         solution = solve_ivp(
-            lambda _, y: [y[1], -20.0 * np.sin(y[0]) - viscous * y[1]], (0, 1.2), start, t_eval=t, rtol=1e-9, atol=1e-9
+            lambda _, y: [y[1], -20.0 * np.sin(y[0]) - viscous * y[1]],
+            (0, seconds),
+            start,
+            t_eval=t,
+            rtol=1e-9,
+            atol=1e-9,
         )
         noisy = solution.y[0] + 1e-3 * rng.standard_normal(len(t))
         rows += [(shot, round(x, 2), round(q, 6)) for x, q in zip(t.tolist(), noisy.tolist(), strict=True)]
@@ -99,6 +104,20 @@ def test_a_wrong_coefficient_of_a_file_is_reported_and_is_no_missing_effect(tmp_
     fitted = {one.name: one for one in report.fitted}["joint_friction.viscous"]
     assert fitted.value == pytest.approx(0.02, abs=4 * fitted.sigma)
     assert fitted.sigma < 0.001
+
+
+def test_a_report_states_how_much_of_a_long_log_was_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "swing_model.py").write_text(SWING)
+    write_swings(tmp_path / "real.csv", 0.3, 3.0)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    whole = diagnose_mechanism([tmp_path / "real.csv"], "swing_model:swing")[0]
+    assert not any("windows of the log" in note for note in whole.notes)
+    monkeypatch.setattr("diagnosis.selection.study.ENOUGH_WINDOWS", 5)
+    thinned = diagnose_mechanism([tmp_path / "real.csv"], "swing_model:swing")[0]
+    note = next(note for note in thinned.notes if "windows of the log" in note)
+    used, all_windows = (int(word) for word in note.split() if word.isdigit())
+    assert 0 < used < all_windows
 
 
 def test_python_takes_a_simulator_too(tmp_path: Path):

@@ -31,8 +31,8 @@ FOCAL_RANGE = (0.35, 12.0)
 FOCAL_STEPS = 24
 # Largest cosine between directions that should be perpendicular, and logarithm of the ratio of lengths to their right
 # ratio, for some focal length; and px by which a corner may be wrong, since a dark edge beside thin paint moves its
-# crest. A table that is seen flat may so seem oblique by more, up to so many times the limits: a quadrangle whose
-# corners tell still less may be anything.
+# crest. The first two limits grow with what this error does to a quadrangle, which is much for a table that is seen at
+# a small angle, up to the last number times themselves: beyond it, nearly every quadrangle would pass.
 MAX_COSINE, MAX_LOG_RATIO, CORNER_ERROR_PX, MOST_LOOSENED = 0.06, 0.08, 1.5, 3.0
 # Number of quadrangles, and of hypotheses that are weighed with all points.
 MAX_QUADS, MAX_WEIGHED = 6000, 1500

@@ -75,7 +75,6 @@ MAX_LOST_SHARE = 0.1
 MIN_EXPECTED_NOSES = 3
 # px, standard deviation of corners given by the user.
 USER_CORNER_SIGMA_PX = 2.0
-# Remedy where a table is in view but is not recognised.
 # Painted lines in either direction that make a court: a table has a line across and none along at most.
 MIN_COURT_LINES = 2
 # Intersection over union of two quadrangles from which they are one table: a corner that is wrong by a tenth of the

@@ -103,7 +103,10 @@ class OutsideSimulator(Protocol):
 
     @property
     def own_effects(self) -> Mapping[str, tuple[float, ...]]:
-        """Effects that it has itself, with the values of all their parameters; absent ones have neutral values."""
+        """Effects that it has itself, with the values of all their parameters.
+
+        Absent ones have neutral values, and strengths that would change nothing NaN everywhere.
+        """
 
     def begin(
         self, starts: FloatArray, values: Sequence[EffectValues], powered: BoolArray, shots: IntArray, t: FloatArray

@@ -89,8 +89,8 @@ class SimulatorScene:
         """Effect, first parameter, and number of parameters of each strength, in the order of the catalogue."""
         sites, first = [], 0
         for effect in self.effects:
-            is_own = effect.name in self.simulator.own_effects
-            count = len(MECHANISM_EFFECTS[effect.name].list_strengths(is_own))
+            split = MECHANISM_EFFECTS[effect.name].split_parameter
+            count = len({split(one.name)[0] for one in effect.parameters})
             size = len(effect.parameters) // count
             sites += [(effect.name, first + k * size, size) for k in range(count)]
             first += len(effect.parameters)
@@ -435,11 +435,19 @@ def build_simulator_scene(
             if one.site == "joint" and name in simulator.own_effects:  # stated for every joint
                 firsts = np.unique(groups, return_index=True)[1]
                 stated = tuple(np.reshape(stated, (-1, len(joints)))[:, firsts].ravel().tolist())
+            effect, stated = _leave_out_unknown(effect, stated)
             if tuple(stated) != effect.neutral:
                 present.append(name)
                 effect = _take_stated(effect, stated)
             effects.append(effect)
     return SimulatorScene(simulator, tuple(effects), tuple(present), histories, scales, observed, tuple(absent))
+
+
+def _leave_out_unknown(effect: Effect, stated: tuple[float, ...]) -> tuple[Effect, tuple[float, ...]]:
+    """Leave out the parameters, and stated values, that a simulator states as NaN since it has nothing of the kind."""
+    kept = [k for k, value in enumerate(stated) if not np.isnan(value)]
+    own = tuple(effect.parameters[k] for k in kept), tuple(effect.neutral[k] for k in kept)
+    return replace(effect, parameters=own[0], neutral=own[1]), tuple(stated[k] for k in kept)
 
 
 def _take_stated(effect: Effect, stated: tuple[float, ...]) -> Effect:

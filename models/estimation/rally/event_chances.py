@@ -1,4 +1,7 @@
-"""How often stated events are right: `benchmarks.calibrate_rallies` measures the same shares on simulated rallies."""
+"""How often stated events are right. Set by hand: `benchmarks.calibrate_rallies` counts the same on simulated rallies.
+
+docs/explanation/rallies.md says so beside the probabilities that follow from them.
+"""
 
 # Of first hits of which only the flight behind them is seen, and of hits so near the ground that they may be bounces.
 UNSEEN_START, LOW_HIT = 0.8, 0.9

@@ -213,7 +213,9 @@ def _find_sequences(
         now = starting[at]
         for k in now:
             node = nodes[k]
-            steps[k].append(_Step(skipped + node.evidence, k, None, None, float(observed.t[kinks[at]]), start_play()))
+            steps[k].append(
+                _Step(skipped + node.evidence, k, None, None, float(observed.t[kinks[at]]), start_play(sport))
+            )
         for back in range(max(at - 2, 0), at + 1):  # stretches from `back` to `at` are clutter
             cost = CLUTTER_COST * float(sizes[back:at].sum())
             _join(ends[back], now, nodes, steps, cost, kinks, observed, sport, prior)
@@ -255,7 +257,7 @@ def _join(
             if step.kind == "landing" and flight is not None:
                 continue
             if flight is None or nodes[step.node].flight is None:
-                t, order, belief = float(observed.t[kinks[nodes[k].begin]]), np.zeros(()), start_play()
+                t, order, belief = float(observed.t[kinks[nodes[k].begin]]), np.zeros(()), start_play(sport)
                 if flight is not None:
                     x, sigma = flight.path.states[0, :1], np.sqrt(flight.covariance[0, :1])
                     where = locate_event(x, sigma, np.zeros(1, np.bool_), sport)[0]

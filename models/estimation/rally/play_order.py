@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 from scipy.special import ndtr
 
-from models.core.court import Sport
+from models.core.court import BounceRule, Sport
 from models.core.rally import RallyEventKind
 from models.core.typing import BoolArray, FloatArray
 from models.estimation.rally.event_chances import DEPARTURE
@@ -25,11 +25,13 @@ _STATES = 10
 _PLACES = 3
 
 
-def start_play() -> FloatArray:
+def start_play(sport: Sport) -> FloatArray:
     """Return the probabilities (10,) of the states in which a clip, or a part of it, may begin."""
-    belief = np.full(_STATES, 1 / (_STATES - 1))
+    belief = np.ones(_STATES)
     belief[_OVER] = 0.0
-    return belief
+    if not sport.serves_on_own_half:
+        belief[[_SERVED, _SERVED + 4]] = 0.0
+    return _normalize(belief)
 
 
 def locate_event(x: FloatArray, sigma: FloatArray, is_off: BoolArray, sport: Sport) -> FloatArray:
@@ -52,7 +54,7 @@ def advance_play(belief: FloatArray, kind: RallyEventKind, where: FloatArray, sp
         kind: Of the event.
         where: (..., 3) of `locate_event`; the leading axes of both are broadcast.
     """
-    matrices = _build_transitions(sport.bounces, sport.serves_on_own_half)["bounce" if kind == "landing" else kind]
+    matrices = _build_transitions(sport.bounce, sport.serves_on_own_half)["bounce" if kind == "landing" else kind]
     after = np.einsum("...s,hst->...ht", belief, matrices)
     return np.asarray((after * where[..., None]).sum(axis=-2))
 
@@ -65,9 +67,9 @@ def weigh_order(kinds: tuple[RallyEventKind | None, ...], where: FloatArray, is_
         where: (F, 3) of `locate_event`.
         is_new: (F,) whether the object was lost before the event, so that anything may have happened.
     """
-    belief, total = start_play(), 0.0
+    belief, total = start_play(sport), 0.0
     for kind, place, lost in zip(kinds, where, is_new, strict=True):
-        belief = start_play() if lost else belief
+        belief = start_play(sport) if lost else belief
         if kind is not None:
             belief = advance_play(belief, kind, place, sport)
             total += float(np.log(belief.sum()))
@@ -92,7 +94,7 @@ def judge_order(kinds: tuple[RallyEventKind, ...], where: FloatArray, chances: F
         )
         maps[k, 0] = chances[k] * stated
         maps[k, 1] = (1 - chances[k]) / 2 * (np.eye(_STATES) + other)
-    ahead, back = [start_play()], [np.ones(_STATES)]
+    ahead, back = [start_play(sport)], [np.ones(_STATES)]
     for k in range(count):
         ahead.append(_normalize(ahead[-1] @ maps[k].sum(axis=0)))
         back.append(_normalize(maps[count - 1 - k].sum(axis=0) @ back[-1]))
@@ -105,16 +107,15 @@ def _normalize(value: FloatArray) -> FloatArray:
 
 
 @cache
-def _build_transitions(bounces: tuple[int, int], serves_on_own_half: bool) -> dict[RallyEventKind, FloatArray]:
+def _build_transitions(rule: BounceRule, serves_on_own_half: bool) -> dict[RallyEventKind, FloatArray]:
     """Build the matrices (3, 10, 10), state to state, of each kind of event in either half, and on the floor."""
-    least, most = bounces
     hit, bounce, net = (np.zeros((_PLACES, _STATES, _STATES)) for _ in range(3))
     for one in (0, 1):
         own, other = 4 * one, 4 * (1 - one)
         hit[one, _BEFORE, own + (_SERVED if serves_on_own_half else _FLYING)] = 1
-        for state in (_FLYING, _TOUCHED) if least == 0 else ():
+        for state in (_FLYING, _TOUCHED) if rule != "required" else ():
             hit[one, other + state, own + _FLYING] = 1
-        if most > 0:
+        if rule != "none":
             hit[one, other + _BOUNCED, own + _FLYING] = 1
         bounce[one, own + _SERVED, own + _FLYING] = 1
         bounce[one, own + _TOUCHED, _OVER] = 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import ndtr
+from scipy.special import chdtri, ndtr
 
 from models.core.court import Sport
 from models.core.court_camera import CourtScene
@@ -18,7 +18,7 @@ from models.estimation.rally.flight_observations import bound_residuals, compare
 from models.estimation.rally.guided_association import GATE, Sight, observe_candidates
 from models.estimation.rally.landing_hypotheses import find_landing, predict_landing
 from models.estimation.rally.rally_views import is_on_surface
-from models.numerics.least_squares import invert_semidefinite
+from models.numerics.least_squares import RIDGE, invert_semidefinite
 from models.numerics.statistics import correlation_factor, measure_lack_of_fit
 from models.physics.flight.flight_motion import PARAMETER_COUNT, fly, fly_flight
 
@@ -26,6 +26,8 @@ from models.physics.flight.flight_motion import PARAMETER_COUNT, fly, fly_flight
 _CAMERA_STEPS = np.array([0.01, 0.01, 0.01, 1e-4, 1e-4, 1e-4, 1e-4, 1e-3])
 # m above four standard deviations of the surface, up to which a hit may be a bounce.
 _LOW_HEIGHT = 0.1
+# Probability that residuals are this small by chance, from which a smaller error of places is believed.
+_CHANCE = 0.05
 # Places from which the looks of a flight are judged: a hit blurs two or three.
 _JUDGED_PLACES = 4
 # s before a flight in which the object may last have been seen, in a hand.
@@ -44,7 +46,7 @@ def _estimate_covariance(
 ) -> tuple[FloatArray, list[float], BoolArray]:
     """Estimate the covariance of all values, chi2 per degree of freedom of each flight, and which places were used.
 
-    The covariance is scaled by the size of the residuals in nominal errors; the errors of the camera, which all
+    The errors of places are scaled by the size of the residuals in nominal errors; the errors of the camera, which all
     observations share, are added (consider covariance: Bierman 1977, section VIII.2).
     """
     camera, sport = scene.camera, scene.sport
@@ -57,6 +59,7 @@ def _estimate_covariance(
         changed = replace(scene, camera=camera.replace_parameters(moved))
         shifted.append(observe_candidates(changed, candidates, frame, t, sight.chosen, sight.rows))
     series, chi2, pull = [], [], np.zeros((len(values), len(_CAMERA_STEPS)))
+    observed_information = np.zeros_like(fit.information)
     used = np.zeros(len(sight.rows), np.bool_)
     for k, rows in enumerate(rows_of):
         part, start = flight_slice(k), values[start_row(k, count)]
@@ -72,18 +75,41 @@ def _estimate_covariance(
         chi2.append(float((bounded[used[rows]] ** 2).sum()) / freedom if freedom > 0 else float("nan"))
         by = np.concatenate([by_place @ path.derivatives[:, :3], -by_place @ path.states[:, 3:, None]], axis=2)
         columns = np.append(np.arange(part.start, part.stop), start_row(k, count))
+        bent = (by * slope[:, None, None]).reshape(-1, len(columns))
+        bent[:, -1] *= structure.joined[k]  # else the start is fixed
+        observed_information[np.ix_(columns, columns)] += bent.T @ bent
         for j, other in enumerate(shifted):
             change = (
                 compare_places(other.select(rows), path.states[:, :3])[0] * weight[:, None] - residual
             ) / _CAMERA_STEPS[j]
             pull[columns, j] += np.einsum("nip,ni,n->p", by, change, slope**2)
-    covariance = invert_semidefinite(fit.information)
     free = min(6 * count, max(sum(2 * len(rows) for rows in rows_of) - 1, 0))
-    chi2_all, _ = measure_lack_of_fit(series, free)
-    # a clip has hundreds of places: they tell how large their errors are, be it less than a detector claims
-    inflation = chi2_all * correlation_factor(series) if np.isfinite(chi2_all) else 1.0
-    moved_by = covariance @ pull
-    return covariance * inflation + moved_by @ camera.covariance @ moved_by.T, chi2, used
+    moved_by = invert_semidefinite(fit.information) @ pull
+    covariance = scale_covariance(fit.information, observed_information, estimate_error_scale(series, free))
+    return covariance + moved_by @ camera.covariance @ moved_by.T, chi2, used
+
+
+def estimate_error_scale(series: list[FloatArray], free: int) -> float:
+    """Estimate the factor on the nominal variances of places that their residuals show.
+
+    The hundreds of places of a clip tell how large their errors are, be it less than a detector claims; a few may lie
+    close by chance. A factor below 1 is the largest that the residuals do not contradict.
+
+    Args:
+        series: Bounded residuals (K, 2) of each flight, standard deviations, in the order of time.
+        free: Number of fitted parameters.
+    """
+    per_freedom, _ = measure_lack_of_fit(series, free)
+    if not np.isfinite(per_freedom):
+        return 1.0
+    freedom = sum(one.size for one in series) - free
+    largest = per_freedom * freedom / float(chdtri(freedom, 1 - _CHANCE))
+    return max(per_freedom, min(1.0, largest)) * correlation_factor(series)
+
+
+def scale_covariance(information: FloatArray, observed: FloatArray, scale: float) -> FloatArray:
+    """Invert an information (P, P) whose part of observations has other variances by a factor, and the priors not."""
+    return invert_semidefinite(information - (1 - 1 / max(scale, RIDGE)) * observed)
 
 
 def build_rally(

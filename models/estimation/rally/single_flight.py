@@ -129,7 +129,7 @@ def fit_single_flight(
         pins: Places through which the flight passes.
 
     Returns:
-        The flight; None where the search finds no possible one.
+        The flight; None where the search finds no possible one, or nothing holds one of its parameters.
     """
     turn_length = sport.object.turn_length if turns else 0.0
     tau = observed.t - observed.t[0]
@@ -173,7 +173,10 @@ def fit_single_flight(
     if rows is None:
         return None
     information = rows[1].T @ rows[1]
-    evidence = -0.5 * best.cost - 0.5 * measure_log_determinant(rows[1] * prior.sigma)
+    log_determinant = measure_log_determinant(rows[1] * prior.sigma)
+    if not np.isfinite(log_determinant):
+        return None  # nothing holds one of its parameters
+    evidence = -0.5 * best.cost - 0.5 * log_determinant
     path = fly(best.point, tau, turn_length)
     by_place = compare_places(observed, path.states[:, :3])[1]
     evidence += 2 * float(np.log(weigh_by_law(by_place, path.states[:, :3], sport.object, turn_length)).sum())

@@ -28,8 +28,8 @@ GRAVITY = 9.81
 PARAMETER_COUNT = len(FLIGHT_PARAMETERS)
 # Longest step, s, and largest relative loss of speed in a step: method of order 8, error below 1e-9 of the path.
 _LONGEST_STEP, _LARGEST_LOSS = 0.04, 0.12
-# Longest step as a share of the length of the turn-over; how much faster than the lift the drag of it passes, and the
-# largest value of u^2 exp(-u) / 2.
+# Longest step as a share of the length of the turn-over; the factor by which the additional drag of the turn-over fades
+# faster along the path than its lift; and the largest value of u^2 exp(-u) / 2, the course of that drag.
 _TURN_SHARE, _TURN_RATE, _TURN_PEAK = 0.11, 4.0, 0.271
 # (m/s)^2 that keep |v| differentiable at rest.
 _MIN_SQUARE = 1e-8

@@ -108,6 +108,9 @@ class MujocoSimulator:
         moving = np.flatnonzero((model.body_mass > 0) & (model.body_weldid != 0))
         self._last_body = int(moving[-1])
         self.last_mass = float(model.body_mass[self._last_body])
+        # whether an actuator damps its own speed, and has a largest force
+        self._has_damping = bool(np.any(model.actuator_biasprm[:, 2] != 0))
+        self._has_limit = bool(np.any(model.actuator_forcelimited))
         self.own_effects = self._list_own_effects()
         self.rest = self._find_rest()
 
@@ -186,8 +189,11 @@ class MujocoSimulator:
         elif name == "actuator_gain":
             model.actuator_gainprm[:] *= first[:, None]
             model.actuator_biasprm[:, :2] *= first[:, None]
-            model.actuator_biasprm[:, 2] *= parts[1]
-            model.actuator_forcerange[:] *= parts[2][:, None]
+            others = iter(parts[1:])
+            if self._has_damping:
+                model.actuator_biasprm[:, 2] *= next(others)
+            if self._has_limit:
+                model.actuator_forcerange[:] *= next(others)[:, None]
 
     def begin(
         self, starts: FloatArray, values: Sequence[EffectValues], powered: BoolArray, shots: IntArray, t: FloatArray
@@ -304,7 +310,10 @@ class MujocoSimulator:
             "payload": (0.0,),
         }
         if model.nu:
-            own["actuator_gain"] = (1.0,) * (3 * model.nu)
+            has_strength = (True, self._has_damping, self._has_limit)
+            own["actuator_gain"] = tuple(
+                1.0 if has_one else float("nan") for has_one in has_strength for _ in range(model.nu)
+            )
         return own
 
 

@@ -33,6 +33,15 @@ def test_a_body_that_was_seen_at_the_beginning_alone_is_no_stumbling_block() -> 
     assert all((segment.is_observed.sum(axis=0) >= 2).all() for segment in fitted.segments)
 
 
+def test_a_misfit_of_many_sigmas_that_is_small_against_the_motion_splits_nothing() -> None:
+    t, rng = np.arange(90) / 30, np.random.default_rng(5)
+    places = np.stack([0.3 * t, 0.05 * np.sin(4 * t)], axis=1)[:, None] + rng.normal(0, 1e-4, (90, 1, 2))
+    recording = Recording(0, np.arange(90), t, ("a",), places, np.full((90, 1), 1e-4), TABLE_PLANE)
+    fitted = fit_initial_windows(build_diagnosis_problem(Pucks(), 0.0), (recording,))
+    assert fitted.lack_of_fit > 60**2  # far more than 30 standard deviations, far less than the motion of 9000
+    assert len(fitted.segments) == 1
+
+
 def record_rolling_ball(shot: int, lost_after: int, lost: int, fps: float = 60.0) -> Recording:
     """Record a ball for 2 s at 60 fps; from a row on, it is seen `lost` frames later than stated."""
     t, rng = np.arange(round(2 * fps)) / fps, np.random.default_rng(shot)

@@ -45,6 +45,11 @@ def test_every_parameter_is_told_with_its_effect(name: str) -> None:
     assert not set("_.") & set(label)
 
 
+def test_a_strength_of_one_actuator_is_told_in_the_words_of_the_strength() -> None:
+    assert display_names.format_parameter("actuator_gain.limit_left_hip") == "actuator gain, upper limit of left hip"
+    assert display_names.format_parameter("actuator_gain.damping") == "actuator gain, servo damping"
+
+
 def test_two_parameters_of_an_effect_are_never_told_by_one_word() -> None:
     for one in EFFECTS:
         assert len({display_names.format_parameter(p.name) for p in one.parameters}) == len(one.parameters)

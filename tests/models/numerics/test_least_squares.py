@@ -197,3 +197,7 @@ def test_the_determinant_of_a_badly_conditioned_information_keeps_its_small_eige
 
 def test_dependent_columns_have_no_determinant():
     assert measure_log_determinant(np.array([[1.0, 0.0], [2.0, 0.0], [3.0, 0.0]])) == -np.inf
+    columns = np.random.default_rng(6).normal(size=(40, 3))
+    assert np.isfinite(measure_log_determinant(columns))
+    assert measure_log_determinant(columns[:, [0, 1, 1]]) == -np.inf
+    assert measure_log_determinant(np.column_stack([columns, columns @ [1.0, 2.0, 3.0]])) == -np.inf

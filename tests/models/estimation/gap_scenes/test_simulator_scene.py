@@ -171,3 +171,33 @@ def test_windows_that_are_simulated_together_are_those_simulated_alone():
             np.testing.assert_allclose(one.residual, other.residual, rtol=1e-9, atol=1e-9)
             if has_jacobians:
                 np.testing.assert_allclose(one.shared_jacobian, other.shared_jacobian, rtol=1e-6, atol=1e-6)
+
+
+MOTOR = SERVO.replace('<position name="servo" joint="arm" kp="100" kv="2" forcerange="-{0} {0}"/>', "{0}")
+
+
+@pytest.mark.parametrize(
+    ("actuator", "strengths"),
+    [
+        ('<motor name="motor" joint="arm"/>', ["gain"]),
+        ('<motor name="motor" joint="arm" forcerange="-1 1"/>', ["gain", "limit"]),
+        ('<position name="servo" joint="arm" kp="100" kv="2"/>', ["gain", "damping"]),
+    ],
+)
+def test_strengths_that_change_nothing_of_the_actuators_of_a_file_are_left_out(actuator: str, strengths: list[str]):
+    from pipeline.io.simulators.mujoco_simulator import MujocoSimulator
+
+    simulator = MujocoSimulator(mujoco.MjModel.from_xml_string(MOTOR.format(actuator)))
+    t = np.arange(60) / 50
+    asked = {0: InputHistory(t, np.sin(t)[:, None])}
+    reference = ReferenceFrame(("q",), "rad", "joints")
+    positions = np.sin(t)[:, None, None]
+    shot = Recording(0, np.arange(60), t, ("arm",), positions, np.full((60, 1), 1e-3), reference, True)
+    scene = build_simulator_scene(simulator, (shot,), asked)
+    effect = next(one for one in scene.effects if one.name == "actuator_gain")
+    assert [one.name for one in effect.parameters] == strengths
+    before = scene.predict_positions(shot, np.zeros(2), stated(scene), ())
+    names = [f"{one.name}.{prior.name}" for one in scene.effects for prior in one.parameters]
+    for name in strengths:
+        changed = np.where(np.array(names) == f"actuator_gain.{name}", 0.25, stated(scene))
+        assert np.abs(scene.predict_positions(shot, np.zeros(2), changed, ()) - before).max() > 1e-6

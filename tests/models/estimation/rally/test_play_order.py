@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from models.estimation.rally.event_chances import DEPARTURE
-from models.estimation.rally.play_order import judge_order, locate_event, weigh_order
+from models.estimation.rally.play_order import judge_order, locate_event, start_play, weigh_order
 from models.sports.sport_catalogue import find_sports
 
 SPORTS = find_sports()
@@ -72,3 +72,11 @@ def test_what_was_lost_may_have_been_hit_back():
     where, kinds = place(sport, "aa"), ("hit", "hit")
     seen, lost = (weigh_order(kinds, where, np.array([True, is_lost]), sport) for is_lost in (False, True))
     assert lost > seen + 3
+
+
+def test_play_may_begin_in_the_states_that_a_sport_has():
+    assert {name: int((start_play(sport) > 0).sum()) for name, sport in SPORTS.items()} == {
+        "badminton": 7, "tennis": 7, "table-tennis": 9,
+    }  # fmt: skip
+    for sport in SPORTS.values():
+        assert start_play(sport).sum() == pytest.approx(1)
