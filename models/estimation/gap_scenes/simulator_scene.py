@@ -445,9 +445,9 @@ def build_simulator_scene(
 
 def _leave_out_unknown(effect: Effect, stated: tuple[float, ...]) -> tuple[Effect, tuple[float, ...]]:
     """Leave out the parameters, and stated values, that a simulator states as NaN since it has nothing of the kind."""
-    kept = [k for k, value in enumerate(stated) if not np.isnan(value)]
-    own = tuple(effect.parameters[k] for k in kept), tuple(effect.neutral[k] for k in kept)
-    return replace(effect, parameters=own[0], neutral=own[1]), tuple(stated[k] for k in kept)
+    rows = [k for k, value in enumerate(stated) if not np.isnan(value)]
+    own = tuple(effect.parameters[k] for k in rows), tuple(effect.neutral[k] for k in rows)
+    return replace(effect, parameters=own[0], neutral=own[1]), tuple(stated[k] for k in rows)
 
 
 def _take_stated(effect: Effect, stated: tuple[float, ...]) -> Effect:
