@@ -45,7 +45,7 @@ def list_special_types() -> list[str]:
 @pytest.mark.slow
 def test_no_kernel_is_compiled_for_the_value_of_an_integer_or_for_a_read_only_array(tmp_path: Path) -> None:
     """In a process of its own without compiled code: from the cache, only the outermost kernels have types."""
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(ROOT)}
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"}
     done = subprocess.run([sys.executable, __file__], env=environment, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (0, ""), done.stderr
 
