@@ -231,30 +231,17 @@ def can_simulate(problem: DiagnosisProblem, like: EffectFit, forms: tuple[str, .
     Returns:
         True where all observations can be simulated.
     """
-    return not any(is_lost(misfit).any() for misfit in _iterate_misfits(problem, like, forms, shared))
+    return not any(is_lost(misfit).any() for misfit in simulate_misfits(problem, like, forms, shared))
 
 
 def simulate_misfits(
     problem: DiagnosisProblem, like: EffectFit, forms: tuple[str, ...], shared: FloatArray
-) -> list[FloatArray]:
-    """Simulate the windows of a fit with other parameters.
-
-    Args:
-        problem: Scene and priors.
-        like: Fit with the windows and their start states.
-        forms: One form per choice between contact models.
-        shared: (P,) values of all parameters.
-
-    Returns:
-        Residuals (K, d) of each window.
-    """
-    return list(_iterate_misfits(problem, like, forms, shared))
-
-
-def _iterate_misfits(
-    problem: DiagnosisProblem, like: EffectFit, forms: tuple[str, ...], shared: FloatArray
 ) -> Iterator[FloatArray]:
-    """Simulate one window after the other, as far as they are asked for, where a model does not do so together."""
+    """Simulate the windows of a fit with other parameters; see `can_simulate` for the arguments.
+
+    Yields:
+        Residuals (K, d) of each window, simulated as far as they are asked for where a model simulates each alone.
+    """
     model = build_window_model(problem, like.segments, forms, np.zeros(len(shared), bool))
     count = len(like.segments)
     together = simulate_ahead(model, range(count), like.starts, [shared] * count, has_jacobians=False)
