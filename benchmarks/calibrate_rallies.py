@@ -94,7 +94,7 @@ def count_departures(seed: int, rallies: int, folder: Path) -> list[int]:
             belief = start_play(sport)
             for event in json.loads(path.with_suffix(".json").read_text())["events"]:
                 place = np.array(event["place"])
-                is_off = np.array(event["kind"] != "hit" and place[2] < sport.floor / 2)
+                is_off = np.array(event["kind"] != "hit" and sport.is_beside_table(place[2]))
                 where = locate_event(place[0], np.array(1e-3), is_off, sport)
                 belief = advance_play(belief, event["kind"], where, sport)
                 steps.append(bool(belief.sum() < 2 * DEPARTURE))

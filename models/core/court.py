@@ -136,6 +136,10 @@ class Sport:
         """Names of the halves of the court, that with smaller x first."""
         return ("left", "right") if self.is_filmed_from_side else ("near", "far")
 
+    def is_beside_table(self, z: float) -> bool:
+        """Return whether an object that touches a surface at a height, m, is on the floor beside a table."""
+        return bool(self.floor < 0 and z < self.floor / 2)
+
     @property
     def corners(self) -> FloatArray:
         """Outer corners (4, 2), m, of the court: (0, 0), (length, 0), (length, width), (0, width)."""

@@ -184,10 +184,10 @@ def _follow_rules(rally: Rally, events: list[RallyEvent]) -> list[RallyEvent]:
         rows = np.flatnonzero(spans == span)
         part = [events[k] for k in rows]
         x, sigma = np.array([[event.place[0], np.sqrt(event.covariance[0, 0])] for event in part]).T
-        is_off = np.array([event.kind == "bounce" and event.place[2] < sport.floor / 2 for event in part])
+        is_off = np.array([event.kind == "bounce" and sport.is_beside_table(event.place[2]) for event in part])
         chances = judge_order(
             tuple(event.kind for event in part),
-            locate_event(x, sigma, is_off & (sport.floor < 0), sport),
+            locate_event(x, sigma, is_off, sport),
             (1 - SLIP) * np.array([event.probability for event in part]),
             sport,
         )

@@ -143,8 +143,7 @@ def fit_rally(observed: FlightObservations, sport: Sport, hypothesis: RallyHypot
         joined.append(guess.is_joined and bool(np.linalg.norm(moved[3:]) < 1.5 * sport.object.max_speed))
         if joined[-1]:
             p[:6] = moved
-        on_floor = sport.floor < 0 and p[2] < sport.floor / 2
-        heights.append(sport.floor if on_floor else 0.0)
+        heights.append(sport.floor if sport.is_beside_table(p[2]) else 0.0)
         values.extend(p)
     starts = [
         guess.t if is_joined else observed.t[guess.first] for guess, is_joined in zip(guesses, joined, strict=True)

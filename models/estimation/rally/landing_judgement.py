@@ -262,7 +262,7 @@ def _find_direction(rally: Rally, hit: RallyEvent | None, best: LandingHypothesi
 
 def _integrate_over(rectangle: Rectangle, landing: LandingHypothesis, sport: Sport) -> float:
     """Integrate the normal distribution of a landing over a rectangle of the playing surface."""
-    if sport.floor < 0 and landing.place[2] < sport.floor / 2:  # on the floor beside a table
+    if sport.is_beside_table(landing.place[2]):
         return 0.0
     mean, covariance = landing.place[:2], landing.covariance[:2, :2]
     sigma_y = max(math.sqrt(float(covariance[1, 1])), LEAST_SIGMA)

@@ -350,7 +350,7 @@ def _add_bounce(
         (*structure.joined[: k + 1], True, *structure.joined[k + 1 :]),
         np.insert(structure.begin, k, begin),
         np.insert(structure.end, k, end),
-        np.insert(structure.heights, k, sport.floor if pin.place[2] < sport.floor / 2 else 0.0),
+        np.insert(structure.heights, k, sport.floor if sport.is_beside_table(pin.place[2]) else 0.0),
     )
     flights = [values[: flight_slice(k).start], rising, after, values[flight_slice(k + 1).start : start_row(0, count)]]
     return [(more, np.concatenate([*flights, starts[:k], [begin, end], starts[k + 1 :]]))]
@@ -368,7 +368,7 @@ def _pin_event(
         return None
     heights, kinds = structure.heights.copy(), list(structure.kinds)
     kinds[k] = name_contact(sport)
-    heights[k] = sport.floor if pin.place[2] < sport.floor / 2 else 0.0
+    heights[k] = sport.floor if sport.is_beside_table(pin.place[2]) else 0.0
     changed = replace(structure, kinds=tuple(kinds), heights=heights)
     return changed, _pin_flights(observed, fit, changed, k, pin, sport)
 
