@@ -13,6 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from models.core.constants import GRAVITY
 from models.core.contact_graph import SEGMENT_STATE_SIZE, ClothFriction
 from models.core.events import Events
 from models.core.tracks import Tracks
@@ -21,7 +22,6 @@ from models.estimation.forecast.solution_state import ROLLING_SLOPE_FACTOR, SLOP
 from models.estimation.multiple_shooting.shooting_windows import LinearizedWindow, Window
 from models.estimation.whole_shot.shot_segments import VELOCITY_SIGMA
 from models.physics.billiards.cloth.closed_form_motion import (
-    GRAVITY,
     differentiate_kinematics,
     duration_until_rest,
     evaluate_kinematics,

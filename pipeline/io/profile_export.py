@@ -11,11 +11,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from models.core.constants import GRAVITY
 from models.core.fit_result import Parameter
 from models.core.scene import Table
 from models.physics.billiards.ball_cushion.stronge import FREQUENCY_RATIO
 from models.physics.billiards.contact_model import NOSE_HEIGHT, NOSE_HEIGHT_PARAMETER
-from models.physics.billiards.parameter_vector import GRAVITY
 
 SCHEMA = "trueroll.profile/1"
 # pooltool's name of each parameter, and the factor from our value to its value.

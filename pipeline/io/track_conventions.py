@@ -13,6 +13,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.constants import GRAVITY
 from models.core.errors import OptionError
 from models.core.typing import BoolArray, FloatArray
 from models.estimation.track_evidence import (
@@ -95,7 +96,7 @@ class TrackScene:
     fps: float | None = None
     table: tuple[float, float] | None = None
     """Length and width, m."""
-    gravity: float = 9.81
+    gravity: float = GRAVITY
     has_inputs: bool = False
     """Whether known inputs act too."""
 

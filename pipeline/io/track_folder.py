@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from models.core.constants import GRAVITY
 from models.core.errors import OptionError
 from models.core.recording import Recording, ReferenceFrame
 from models.core.tracks import TABLE_PLANE
@@ -80,7 +81,7 @@ class SceneEntry(BaseModel):
     table: SceneTableEntry | None = None
     ball_radius: PositiveNumber | None = None
     image: ImageEntry | None = None
-    gravity: PositiveNumber = 9.81
+    gravity: PositiveNumber = GRAVITY
     walls: WallsEntry = None
     radius: NonNegativeNumber = 0.0
     model: list[str] | dict[str, Any] | None = None

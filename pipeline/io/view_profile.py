@@ -20,13 +20,14 @@ from pydantic import (
     ValidationError,
 )
 
+from models.core.constants import GRAVITY
 from models.core.errors import OptionError
 from models.core.fit_result import Parameter
 from models.core.scene import BallSize
 from models.core.typing import FloatArray
 from models.estimation.table_learning.learned_table import CLOTH_SPREAD
 from models.numerics.statistics import intersect_estimates
-from models.physics.billiards.parameter_vector import GRAVITY, TABLE_PARAMETERS
+from models.physics.billiards.parameter_vector import TABLE_PARAMETERS
 from pipeline.io.profile_export import SCHEMA
 from pipeline.io.run_folder import list_files_beside, parse_camera, parse_table, read_scene_document
 from pipeline.io.strict_json import write_json

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from models.core.constants import GRAVITY
 from models.core.contact_graph import JointSolution, Observations, Segment, layout_parameters
 from models.core.fit_result import Trust
 from models.core.scene import Table
@@ -40,7 +41,6 @@ from models.estimation.table_learning.cushion_learning import learn_own_cushions
 from models.estimation.table_learning.learned_table import CLOTH_SPREAD, ROLLING_MODEL_SIGMA, LearnedTable
 from models.estimation.table_learning.side_spin import infer_side_spins
 from models.numerics.statistics import evaluate_huber_loss, measure_lack_of_fit
-from models.physics.billiards.cloth.closed_form_motion import GRAVITY
 from models.physics.billiards.contact_models import CUSHION_MODELS
 from models.physics.billiards.parameter_vector import AIR_DRAG, ROLLING_MU, SLIDING_MU, VISCOUS_DRAG
 from models.tracking.track_noise import apply_noise, estimate_noise

@@ -9,6 +9,7 @@ from functools import cache
 
 import numpy as np
 
+from models.core.constants import GRAVITY
 from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene, build_brake_probe
 from models.estimation.gap_scenes.motion_integrator import AccelerationFunction, RealOrComplexArray, build_integrator
 from models.numerics.jit import compile_kernel
@@ -102,7 +103,7 @@ def build_flight_acceleration(coordinates: int, gravity: float, has_spin_axis: b
 
 
 def build_flight_scene(
-    coordinates: int, gravity: float = 9.81, simulator_effects: tuple[str, ...] = (), has_spin_axis: bool = False
+    coordinates: int, gravity: float = GRAVITY, simulator_effects: tuple[str, ...] = (), has_spin_axis: bool = False
 ) -> ContactFreeScene:
     """Build the scene of a simulator that has gravity and further effects.
 

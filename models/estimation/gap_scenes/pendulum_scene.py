@@ -13,13 +13,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.core.constants import GRAVITY
 from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene, build_brake_probe
 from models.estimation.gap_scenes.motion_integrator import RealOrComplexArray, build_integrator
 from models.numerics.jit import compile_kernel
 from models.physics.effect import Effect, Prior
 
-# m/s^2
-GRAVITY = 9.81
 # Torque at the pivot over the first moment of inertia, acceleration of the pivot to the right and upwards.
 INPUT_COUNT = 3
 # rad/s at which dry friction fades out: a rod that sticks creeps a milliradian in a quarter of a second.

@@ -10,6 +10,7 @@ from functools import cache
 
 import numpy as np
 
+from models.core.constants import GRAVITY
 from models.core.recording import Recording
 from models.core.typing import FloatArray
 from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene, build_brake_probe
@@ -17,8 +18,6 @@ from models.estimation.gap_scenes.motion_integrator import AccelerationFunction,
 from models.numerics.jit import compile_kernel
 from models.physics.effect import Effect, Prior
 
-# m/s^2
-GRAVITY = 9.81
 # m/s at which friction fades out.
 FRICTION_FADE_SPEED = 0.01
 # Slope over mu up to which a stopped body sticks.

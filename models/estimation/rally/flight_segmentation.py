@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from models.core.constants import GRAVITY
 from models.core.court import Sport
 from models.core.progress import Progress
 from models.core.rally import RallyEventKind
@@ -19,7 +20,6 @@ from models.estimation.rally.event_evidence import FlightEnds, weigh_events
 from models.estimation.rally.flight_observations import CLUTTER_COST, REST_PX, FlightObservations
 from models.estimation.rally.play_order import advance_play, locate_event, start_play
 from models.estimation.rally.single_flight import FlightPrior, SingleFlight, build_flight_prior, fit_single_flight
-from models.physics.flight.flight_motion import GRAVITY
 
 # s, longest flight between two events, and most stretches between kinks in it.
 _LONGEST_FLIGHT, _MOST_STRETCHES = 3.5, 7

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.core.constants import GRAVITY
 from models.core.court_camera import CourtScene
 from models.core.rally import BallCandidates
 from models.core.typing import FloatArray, IntArray
@@ -102,7 +103,7 @@ class _Weights:
         self.per_metre = float(np.exp(camera.parameters[6])) / float(np.linalg.norm(middle - camera.centre))
         self.log_area = float(np.log(camera.width_px * camera.height_px))
         self.t, self.px, self.streak, self.sigma, self.look, self.clutter = t, px, streak, sigma, look, clutter
-        self.gravity = _ACCELERATION_SHARE * 9.81 * self.per_metre
+        self.gravity = _ACCELERATION_SHARE * GRAVITY * self.per_metre
         self.drag = sport.object.drag.mean / self.per_metre
         self.fastest = sport.object.max_speed * self.per_metre * _NEARNESS
 

@@ -12,6 +12,7 @@ from functools import partial
 
 import numpy as np
 
+from models.core.constants import GRAVITY
 from models.core.court import Sport
 from models.core.rally import FLIGHT_PARAMETERS
 from models.core.typing import FloatArray
@@ -28,7 +29,7 @@ from models.numerics.least_squares import (
     measure_log_determinant,
     minimize_residuals,
 )
-from models.physics.flight.flight_motion import GRAVITY, PARAMETER_COUNT, FlightPath, fly
+from models.physics.flight.flight_motion import PARAMETER_COUNT, FlightPath, fly
 
 # Where parameters of the law stand among those of a flight.
 DRAG, TURN_DRAG, DRAG_EXPONENT, LAG_LIFT = (

@@ -9,6 +9,7 @@ from math import erf, sqrt
 
 import numpy as np
 
+from models.core.constants import GRAVITY
 from models.core.contact_graph import JointSolution, Observations, layout_parameters
 from models.core.events import Events
 from models.core.fit_result import SAME_STRIKE, SPIN_STATES, Fit, ShotNumber, ShotNumbers, SpinState, WholeShotSolution
@@ -35,7 +36,6 @@ from models.estimation.shot_numbers.strike_numbers import (
     rolling_share,
 )
 from models.physics.billiards.cloth.closed_form_motion import (
-    GRAVITY,
     duration_until_rest,
     evaluate_kinematics,
     sliding_duration,

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from models.core.constants import GRAVITY
 from models.core.contact_graph import Observations
 from models.core.fit_result import ShotNumber, WholeShotSolution
 from models.core.typing import FloatArray
@@ -22,7 +23,7 @@ from models.estimation.multiple_shooting.shooting_fit import PRIOR_DOMINATED
 from models.estimation.shot_numbers.posterior_view import PosteriorView, turn_angle
 from models.estimation.shot_numbers.shot_course import ShotCourse
 from models.numerics.statistics import HUBER_THRESHOLD
-from models.physics.billiards.cloth.closed_form_motion import GRAVITY, sliding_duration
+from models.physics.billiards.cloth.closed_form_motion import sliding_duration
 from models.physics.billiards.parameter_vector import SLIDING_MU, SPIN_DECAY
 from models.physics.billiards.simulation.parametrised_shot import RADIUS_FACTOR, SIDE_SPIN, unpack_start
 

@@ -18,13 +18,13 @@ from itertools import permutations
 
 import numpy as np
 
+from models.core.constants import GRAVITY
 from models.core.contact_graph import CAUSELESS_KINDS, Contact, ContactGraph, JointSolution, Observations, Segment
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.contact_cascades import MIN_CONTACT_INTERVAL, MIN_CONTACT_SPEED
 from models.estimation.joint_fit.fit_solution import end_state
 from models.estimation.structure_search.structure_trials import StructureSearch
-from models.physics.billiards.cloth.closed_form_motion import GRAVITY
 
 # Most samples of a rest that is looked for; a longer one is found by the segmentation.
 MAX_REST_SAMPLES = 3

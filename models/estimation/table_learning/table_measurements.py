@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from models.core.constants import GRAVITY
 from models.core.contact_graph import JointSolution
 from models.core.errors import TrackError
 from models.core.fit_result import Parameter
@@ -17,7 +18,7 @@ from models.estimation.table_learning.cushion_contacts import extract_cushion_co
 from models.estimation.table_learning.learn_table import TableLesson, fit_cloth
 from models.estimation.table_learning.learned_table import LearnedTable, rebound_rolling_balls
 from models.estimation.table_learning.side_spin import filter_side_spin, predict_rebounds
-from models.physics.billiards.parameter_vector import GRAVITY, SPIN_DECAY
+from models.physics.billiards.parameter_vector import SPIN_DECAY
 
 # m/s: restitution is that of a ball which rolls at this speed straight at a cushion.
 TEST_SPEED = 1.0

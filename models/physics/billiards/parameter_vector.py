@@ -11,9 +11,6 @@ import numpy as np
 from models.core.typing import FloatArray
 from models.physics.effects.billiards_catalogue import BILLIARDS_EFFECTS
 
-# m/s^2.
-GRAVITY = 9.81
-
 # Effects whose parameters the engine reads, in the order of its vector.
 ENGINE_EFFECTS = tuple(
     sorted(

@@ -18,13 +18,13 @@ from typing import Any
 
 import numpy as np
 
+from models.core.constants import GRAVITY
 from models.core.court import FlyingObject
 from models.core.rally import FLIGHT_PARAMETERS, Flight
 from models.core.typing import FloatArray
 from models.numerics.integrators import build_step_loop
 from models.numerics.jit import compile_kernel
 
-GRAVITY = 9.81
 PARAMETER_COUNT = len(FLIGHT_PARAMETERS)
 # Longest step, s, and largest relative loss of speed in a step: method of order 8, error below 1e-9 of the path.
 _LONGEST_STEP, _LARGEST_LOSS = 0.04, 0.12

@@ -21,12 +21,12 @@ from typing import Any
 
 import numpy as np
 
+from models.core.constants import GRAVITY
 from models.core.errors import OptionError
 from models.core.fit_result import Parameter
 from models.core.scene import Table
 from models.core.typing import FloatArray
 from models.physics.billiards.contact_model import NOSE_HEIGHT_PARAMETER
-from models.physics.billiards.parameter_vector import GRAVITY
 from models.physics.billiards.simulation.parametrised_shot import ContactModels
 from pipeline.io.profile_export import build_pooltool_parameters
 

@@ -13,9 +13,10 @@ from support.reference_frames import PLANE
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, build_diagnosis_problem, fit_effects
 from diagnosis.unexplained.free_stretches import FreeStretch, find_free_stretches
 from diagnosis.unexplained.local_patch import LocalPatch, find_local_patch, fit_outside_patch, locate_patch
+from models.core.constants import GRAVITY
 from models.core.recording import Recording
 from models.estimation.gap_scenes.billiards_scene import build_billiards_scene
-from models.estimation.gap_scenes.sliding_scene import GRAVITY, build_sliding_scene
+from models.estimation.gap_scenes.sliding_scene import build_sliding_scene
 from models.physics.billiards.tables import TABLE_PRESETS
 
 SHOTS, FPS, SECONDS, NOISE = 9, 30, 0.8, 5e-4

@@ -12,12 +12,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.core.constants import GRAVITY
 from models.core.contact_graph import SEGMENT_STATE_SIZE, ClothFriction
 from models.core.typing import FloatArray
 from models.numerics.jit import compile_kernel
-
-# m/s^2.
-GRAVITY = 9.81
 
 # m^2/s^2 under the root of |u|: keeps the derivative finite where the ball rolls from the start.
 _TINY_SLIP = 1e-12

@@ -43,6 +43,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.core.constants import GRAVITY
 from models.numerics.jit import COMPLEX_STEP, compile_kernel, copy_numbers, copy_rows
 from models.physics.billiards.cloth.forces import (
     ROLLING_SHARE,
@@ -69,7 +70,7 @@ from models.physics.billiards.cloth.motion_pieces import (
     X,
     write_parabola,
 )
-from models.physics.billiards.parameter_vector import GRAVITY, ROLLING_MU, SLIDING_MU
+from models.physics.billiards.parameter_vector import ROLLING_MU, SLIDING_MU
 
 # m/s; a slip below this is rounding error of a ball that rolls.
 SLIP_THRESHOLD = 1e-10

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.core.constants import GRAVITY
 from models.numerics.jit import compile_kernel
 from models.physics.billiards.cloth.motion_pieces import GLIDE, SLIDE
 from models.physics.billiards.parameter_vector import (
@@ -14,7 +15,6 @@ from models.physics.billiards.parameter_vector import (
     BRAKE_1,
     BRAKE_2,
     BRAKE_3,
-    GRAVITY,
     NAP_MU,
     PATH_BENDING_PARAMETERS,
     PULL_X,

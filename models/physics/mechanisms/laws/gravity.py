@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
+from models.core.constants import GRAVITY
 from models.physics.mechanisms.mechanism_effect import MechanismEffect, MechanismStrength
-
-# m/s2
-_USUAL = 9.81
 
 EFFECT = MechanismEffect(
     name="gravity",
     site="mechanism",
     strengths=tuple(
-        MechanismStrength(axis, lambda scale: "m/s2", lambda scale: _USUAL, lower=-2.0, upper=2.0) for axis in "xyz"
+        MechanismStrength(axis, lambda scale: "m/s2", lambda scale: GRAVITY, lower=-2.0, upper=2.0) for axis in "xyz"
     ),
     needs_simulator=True,
     partners=("spring", "payload"),

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from models.core.constants import GRAVITY
 from models.estimation.table_learning.table_measurements import compute_roll_out
-from models.physics.billiards.parameter_vector import GRAVITY
 
 
 @pytest.mark.parametrize("drag", [0.0, 1e-7, 0.002, 0.05])
