@@ -79,17 +79,31 @@ def _format_reason(error: BaseException) -> str:
     return f"{type(error).__name__}: {' '.join(str(error).split())}"[:200]
 
 
-def try_function(simulator: FunctionSimulator, state: FloatArray) -> None:
-    """Raise an OptionError where a function cannot go one step from a state (2N,)."""
-    inputs = len(simulator.inputs)
-    try:
-        after = simulator.step(state, np.zeros(inputs), np.zeros(len(state) // 2))
-        if not np.isfinite(after).all():
-            raise ValueError(f"from {state} it went to {after}")
-    except (Exception, SystemExit) as error:  # a user's function may raise anything
-        expected = f"(state of {len(state)} numbers, {inputs} inputs, dt) -> state"
-        name = f"{simulator.module}:{simulator.function}"
-        raise OptionError(f"{name} was called as {expected}; it failed: {_format_reason(error)}") from error
+def try_function(simulator: FunctionSimulator, states: FloatArray) -> tuple[str, ...]:
+    """Try a step of a function from states (K, 2N), and describe where it fails.
+
+    Raises:
+        OptionError: It fails from every state.
+    """
+    inputs, reasons = len(simulator.inputs), []
+    with redirect_stdout(sys.stderr):  # what a function prints is no result
+        for state in states:
+            try:
+                after = simulator.step(state, np.zeros(inputs), np.zeros(len(state) // 2))
+                if not np.isfinite(after).all():
+                    raise ValueError(f"from {state} it went to {after}")
+            except (Exception, SystemExit) as error:  # a user's function may raise anything
+                reasons.append(_format_reason(error))
+    name = f"{simulator.module}:{simulator.function}"
+    if len(reasons) == len(states):
+        expected = f"(state of {states.shape[1]} numbers, {inputs} inputs, dt) -> state"
+        raise OptionError(f"{name} was called as {expected}; it failed: {reasons[0]}")
+    if not reasons:
+        return ()
+    return (
+        f"{name} fails at {len(reasons)} of {len(states)} recorded states that were tried; what it cannot simulate"
+        f" is left out: {reasons[0]}",
+    )
 
 
 class FunctionSimulator:
