@@ -19,9 +19,10 @@ from diagnosis.fitting.diagnosis_windows import MIN_ROWS
 from models.core.errors import OptionError
 from models.core.recording import Recording, ReferenceFrame
 from models.core.typing import FloatArray
-from models.estimation.gap_scenes.outside_simulator import InputHistory, Joint, OutsideSimulator
+from models.estimation.gap_scenes.mechanism_inputs import InputHistory
+from models.estimation.gap_scenes.outside_simulator import Joint, OutsideSimulator
 from pipeline.io.long_recordings import cut_long_recordings, describe_times
-from pipeline.io.simulators.function_simulator import read_function, try_function
+from pipeline.io.simulators.function_simulator import FunctionSimulator, read_function, try_function
 from pipeline.io.simulators.mujoco_simulator import read_mujoco_file
 from pipeline.io.simulators.recorded_simulator import RecordedSimulator
 from pipeline.io.simulators.ros_recording import is_ros_recording, read_ros_recording
@@ -45,8 +46,6 @@ _WITH_UNIT = re.compile(r"(.+?)_*(?:[\[(]([^\[\]()]+)[\])]|_(deg|rad|m|cm|mm))")
 _OTHER_COLUMNS = {"t", "time", "shot", "frame", "kind", "id", "sigma", "observed"}
 # Recorded poses in which bodies are tested for contact: a second of a fast robot.
 _MOST_POSES = 500
-# Recorded states from which a function is tried.
-_MOST_STATES = 100
 # Share of a turn by which a recorded angle jumps where a sensor begins anew: no joint turns as far between two rows.
 _JUMP_SHARE = 0.75
 # Largest rotation vector, rad, of a body whose turns are compared: at half a turn it jumps to the other side.
@@ -113,8 +112,9 @@ def _read_shots(paths: Sequence[Path], simulator_name: str) -> MechanismShots:
     if place.suffix.lower() in (".xml", ".urdf"):
         file = read_mujoco_file(place)
         shots = _match_shots(tables, file)
-        poses = _sample_states(shots, _MOST_POSES)[:, : len(file.joints)]
-        return replace(shots, simulator=file.find_touching(poses))
+        poses = np.concatenate(_list_states(shots))[:, : len(file.joints)]
+        every = max(len(poses) // _MOST_POSES, 1)
+        return replace(shots, simulator=file.find_touching(poses[::every]))
     if place.is_file() or is_ros_recording(place):
         return _pair_with_simulation(tables, _separate_units(_read_table(place), frozenset()))
     if ":" not in simulator_name:
@@ -126,24 +126,41 @@ def _read_shots(paths: Sequence[Path], simulator_name: str) -> MechanismShots:
     named = [one for one in _name_joints(numbered) if _NUMBERED_JOINT.fullmatch(one.name)]
     simulator = read_function(simulator_name, named)
     shots = _match_shots(tables, simulator)
-    failures = try_function(simulator, _sample_states(shots, _MOST_STATES))
-    return replace(shots, notes=(*shots.notes, *failures))
+    return _keep_what_works(shots, simulator)
 
 
-def _sample_states(shots: MechanismShots, most: int) -> FloatArray:
-    """Sample recorded states (K, 2N); a joint that is not observed is as the file of the simulator states."""
-    joints, rest = [joint.name for joint in shots.simulator.joints], shots.simulator.rest
-    every = max(sum(len(one.t) for one in shots.recordings) // most, 1)
-    states = []
+def _keep_what_works(shots: MechanismShots, simulator: FunctionSimulator) -> MechanismShots:
+    """Keep the longest stretch of every recording in which a function works, and say where it fails."""
+    recordings, histories, states = shots.recordings, shots.histories, _list_states(shots)
+    given = [np.nan_to_num(histories[one.shot].values) for one in recordings]
+    failures, reason = try_function(simulator, np.concatenate(states), np.concatenate(given))
+    if not failures.any():
+        return shots
+    longest = []
+    parts = np.split(failures, np.cumsum([len(one.t) for one in recordings])[:-1])
+    for one, failed in zip(recordings, parts, strict=True):
+        borders = np.concatenate([[-1], np.flatnonzero(failed), [len(failed)]])
+        k = int(np.argmax(np.diff(borders)))
+        if borders[k + 1] - borders[k] > MIN_ROWS:
+            longest.append(one.select_rows(int(borders[k]) + 1, int(borders[k + 1])))
+    name = f"{simulator.module}:{simulator.function}"
+    if 2 * failures.sum() > len(failures) or not longest:
+        raise OptionError(f"{name} fails at {100 * failures.mean():.0f} % of the recorded states: {reason}; correct it")
+    note = f"{name} fails at {failures.sum()} of {len(failures)} recorded states, which are left out: {reason}"
+    return replace(shots, recordings=tuple(longest), notes=(*shots.notes, note))
+
+
+def _list_states(shots: MechanismShots) -> list[FloatArray]:
+    """List the states (T, 2N) of all recordings; a joint that is not observed is at the rest of the simulator."""
+    joints, rest, states = [joint.name for joint in shots.simulator.joints], shots.simulator.rest, []
     for one in shots.recordings:
-        observed = np.array([joints.index(name) for name in one.bodies])
-        places = one.positions[:, :, 0]
+        observed, places = np.array([joints.index(name) for name in one.bodies]), one.positions[:, :, 0]
         state = np.tile(rest, (len(places), 1))
         state[:, observed] = places
         if len(places) > 1:
             state[:, len(joints) + observed] = np.gradient(places, one.t, axis=0)
-        states.append(np.where(np.isfinite(state), state, rest)[::every])
-    return np.concatenate(states)
+        states.append(np.where(np.isfinite(state), state, rest))
+    return states
 
 
 def _match_shots(tables: Sequence[TextTable], simulator: OutsideSimulator) -> MechanismShots:
