@@ -23,6 +23,8 @@ from pipeline.reporting.text.gap_sentences import format_error_size, name_runs
 
 # Standard deviations from which a coefficient of a simulator is called wrong.
 _WRONG_SIGMAS = 3.0
+# Standard deviations above 0 from which a friction belongs into a file.
+_SEEN_SIGMAS = 2.0
 # Ratio of the error with stated coefficients to that with fitted ones from which to correct them comes first: less is
 # hidden by the error of a start.
 _CLEARLY_WORSE = 1.2
@@ -81,7 +83,11 @@ def _describe_changes(scene: SimulatorScene, report: DiagnosisReport) -> tuple[s
                  zip(_JOINT_ATTRIBUTES[effect], MECHANISM_EFFECTS[effect].strengths, strict=True)]  # fmt: skip
         for joint in scene.simulator.joints:
             own = [(attribute, fitted.get(f"{name}_{joint.name}", fitted.get(name))) for attribute, name in names]
-            texts = [f'{attribute}="{one.value:.4g}"' for attribute, one in own if one and not one.prior_only]
+            texts = [
+                f'{attribute}="{one.value:.4g}"'
+                for attribute, one in own
+                if one and not one.prior_only and one.value > _SEEN_SIGMAS * one.sigma
+            ]
             if texts and not joint.body:
                 changes.append(f"joint {joint.name} {' '.join(texts)}")
     return (f"in the file of your simulator, give {', '.join(changes)}",) if changes else ()

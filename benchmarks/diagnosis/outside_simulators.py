@@ -1,14 +1,16 @@
 """Is the effect named that a MuJoCo file lacks, and what is said where nothing is missing?
 
-    python -m benchmarks.diagnosis.outside_simulators [-o DIR] [--seeds 1] [--first 0] [--worlds arm] [--effects delay]
-        [--noise white] [--runs 8] [--length 3] [--laws]
+    python -m benchmarks.diagnosis.outside_simulators [-o DIR] [--questions one,two] [--seeds 1] [--first 0]
+        [--worlds arm] [--effects delay] [--noise white] [--runs 8] [--length 3] [--laws]
 
-Worlds are pendulums of one and two links, a cart with a pole, an arm of two driven joints, and a thrown ball. The
-truth is MuJoCo with one or two effects, or with a force of a form that no effect has, played at 100 Hz with noise of
-1 mrad or 1 mm; the simulator is the same file without them. Eight runs of three seconds each. Effects that MuJoCo does
-not have (delay, lag, drag, foreign forces) act step by step outside of it. Noise is white, correlated (0.8 from sample
-to sample) or quantised (steps of 2 mrad or mm). Prints the answer to every case and the counts with Wilson's intervals.
-A run with the same DIR continues. One process; a case takes 5 to 60 CPU seconds.
+Worlds are pendulums of one to three links, a Furuta pendulum, carts with a pole that a motor or a servo drives, an arm
+of two driven joints, masses in a chain of springs, and a thrown ball. The truth is MuJoCo with one or two effects, or
+with a force of a form that no effect has, played at 100 Hz with noise of 1 mrad or 1 mm; the simulator is the same file
+without them. Effects that MuJoCo does not have (delay, lag, drag, foreign forces) act step by step outside of it. Noise
+is white, correlated (0.8 from sample to sample) or quantised (steps of 2 mrad or mm). Each question has its effects,
+noise, number and length of runs, which the other options replace. Prints the answer to every case, the counts with
+Wilson's intervals, and the cases that were sure and wrong. A run with the same DIR continues. One process; a case takes
+2 to 150 CPU seconds.
 """
 
 from __future__ import annotations
@@ -77,14 +79,39 @@ def hang(name: str, length: float, mass: float, below: str = "", place: str = "0
 
 FOREIGN = ("foreign_angle", "foreign_time", "foreign_speed")
 LOWER = hang("elbow", 0.25, 0.3, place="0 0 -0.3")
+CART = (
+    '<body><joint name="cart" type="slide" axis="1 0 0"@/><geom type="box" size="0.1 0.05 0.05" mass="{}" contype="0"'
+    f' conaffinity="0"/>{hang("pole", 0.4, 0.2)}</body>'
+)
+MASS = (
+    '<body pos="{0} 0 0"><joint name="mass_{0}" type="slide" axis="1 0 0"@/><geom type="box" size="0.1 0.05 0.05"'
+    ' mass="0.3" contype="0" conaffinity="0"/></body>'
+)
+SPRINGS = (
+    '<tendon><fixed stiffness="8"><joint joint="mass_0" coef="1"/></fixed>'
+    '<fixed stiffness="6"><joint joint="mass_1" coef="1"/><joint joint="mass_0" coef="-1"/></fixed></tendon>'
+)
 WORLDS = {
     "pendulum": World(hang("hinge", 0.4, 0.5), "", 1.2, ()),
     "double pendulum": World(hang("shoulder", 0.3, 0.5, LOWER), "", 0.7, ()),
     "arm": World(hang("shoulder", 0.3, 0.5, LOWER), DRIVEN, 0.5, (0.3, 0.1)),
-    "cart": World(
-        '<body><joint name="cart" type="slide" axis="1 0 0"@/><geom type="box" size="0.1 0.05 0.05" mass="1"'
-        f' contype="0" conaffinity="0"/>{hang("pole", 0.4, 0.2)}</body>',
-        '<actuator><motor name="motor_1" joint="cart"/></actuator>', 0.5, (2.0,),
+    "cart": World(CART.format(1), '<actuator><motor name="motor_1" joint="cart"/></actuator>', 0.5, (2.0,)),
+    "three links": World(
+        hang("shoulder", 0.3, 0.5, hang("elbow", 0.25, 0.3, hang("wrist", 0.2, 0.2, place="0 0 -0.25"), "0 0 -0.3")),
+        "", 0.5, (),
+    ),
+    "furuta": World(
+        '<body><joint name="arm" axis="0 0 1"@/><geom type="capsule" fromto="0 0 0 0 0.2 0" size="0.02" mass="0.4"'
+        f' contype="0" conaffinity="0"/>{hang("pendulum", 0.3, 0.3, place="0 0.2 0")}</body>',
+        '<actuator><motor name="motor_1" joint="arm"/></actuator>', 0.7, (0.2,),
+    ),
+    "crane": World(
+        CART.format(0.5), '<actuator><position name="motor_1" joint="cart" kp="20" kv="4"/></actuator>', 0.3, (0.3,),
+        False, ("none", "joint_friction", "delay", "actuator_lag", "sensor_offset", "delay+joint_friction"),
+    ),
+    "chain": World(
+        MASS.format(0) + MASS.format(1), SPRINGS, 0.3, (), False,
+        ("none", "joint_friction", "spring", "sensor_offset", "joint_friction+spring"),
     ),
     "arm without elbow sensor": World(
         hang("shoulder", 0.3, 0.5, LOWER), DRIVEN, 0.5, (0.3, 0.1), False,
@@ -157,6 +184,25 @@ EFFECTS: dict[str, Draw] = {
     "foreign_angle": lambda rng: draw_foreign(rng, "position"),
     "foreign_time": lambda rng: draw_foreign(rng, "time"),
     "foreign_speed": lambda rng: draw_foreign(rng, "speed"),
+}
+
+
+@dataclass(frozen=True)
+class Question:
+    """Cases of one row of the table."""
+
+    effects: tuple[str, ...]
+    noise: tuple[str, ...] = ("white",)
+    runs: int = 8
+    length: float = 3.0
+    """s per run."""
+
+
+QUESTIONS = {
+    "one": Question(tuple(one for one in EFFECTS if one not in ("none", *FOREIGN) and "+" not in one)),
+    "two": Question(tuple(one for one in EFFECTS if "+" in one)),
+    "none": Question(("none",), NOISE_KINDS, 6, 1.0),
+    "foreign": Question(FOREIGN),
 }
 # Worlds of one joint, which a foreign force accelerates by force over a constant inertia.
 FOREIGN_WORLDS = ("pendulum", "slider")
@@ -373,7 +419,11 @@ def summarize(rows: list[OutsideRow]) -> Iterator[str]:
     sure = [row for row in rows if row.probability >= 0.9 and row.verdict != "undecidable"]
     yield f"| probability of at least 0.9: true | {Proportion(sum(row.is_right for row in sure), len(sure))} |"
     seconds = [row.seconds for row in rows]
-    yield f"| CPU seconds: median, largest | {np.median(seconds):.0f}, {max(seconds):.0f} |"
+    spent = f"{np.median(seconds):.0f}, {max(seconds):.0f}, {sum(seconds):.0f}" if rows else "none"
+    yield f"| CPU seconds: median, largest, all | {spent} |"
+    for row in sure:
+        if not row.is_right:
+            yield f"sure and wrong: {row.case}: {row.verdict} {row.named} {row.probability:.3f}"
 
 
 def main() -> int:
@@ -381,27 +431,29 @@ def main() -> int:
     parser.add_argument("-o", "--out", type=Path, default=ROOT / "out" / "outside_simulators", help="folder of results")
     parser.add_argument("--seeds", type=int, default=1, help="number of seeds")
     parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser.add_argument("--questions", default=",".join(QUESTIONS), help="rows of the table, separated by commas")
     parser.add_argument("--worlds", default=",".join(WORLDS), help="worlds, separated by commas")
-    parser.add_argument("--effects", default=",".join(EFFECTS), help="withheld effects, separated by commas")
-    parser.add_argument("--noise", default="white", help=f"kinds of noise, separated by commas: {NOISE_KINDS}")
+    parser.add_argument("--effects", help="withheld effects, separated by commas, of those of the questions")
+    parser.add_argument("--noise", help=f"kinds of noise, separated by commas: {NOISE_KINDS}")
     parser.add_argument("--laws", action="store_true", help="only draw the laws of foreign forces, without a search")
-    parser.add_argument("--runs", type=int, default=8, help="runs per case")
-    parser.add_argument("--length", type=float, default=3.0, help="s per run")
+    parser.add_argument("--runs", type=int, help="runs per case")
+    parser.add_argument("--length", type=float, help="s per run")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     table = options.out / "rows.csv"
     rows = {row.case: row for row in read_rows(table, OutsideRow)}
-    asked = product(
-        range(options.first, options.first + options.seeds), options.worlds.split(","), options.effects.split(","),
-        options.noise.split(","),
-    )  # fmt: skip
-    for seed, world, truth, noise in asked:
-        name = name_case(world, truth, noise, seed, options.runs, options.length)
-        if name in rows or not can_withhold(world, truth):
-            continue
-        rows[name] = run_case(world, truth, noise, seed, options.runs, options.length, options.out, options.laws)
-        append_row(rows[name], table)
-        print(rows[name], file=sys.stderr, flush=True)
+    seeds = range(options.first, options.first + options.seeds)
+    for seed, question in product(seeds, (QUESTIONS[one] for one in options.questions.split(","))):
+        noises = options.noise.split(",") if options.noise else question.noise
+        effects = [one for one in question.effects if not options.effects or one in options.effects.split(",")]
+        runs, length = options.runs or question.runs, options.length or question.length
+        for world, truth, noise in product(options.worlds.split(","), effects, noises):
+            name = name_case(world, truth, noise, seed, runs, length)
+            if name in rows or not can_withhold(world, truth):
+                continue
+            rows[name] = run_case(world, truth, noise, seed, runs, length, options.out, options.laws)
+            append_row(rows[name], table)
+            print(rows[name], file=sys.stderr, flush=True)
     print("\n".join(summarize(list(rows.values()))))
     return 0
 

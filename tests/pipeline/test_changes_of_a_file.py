@@ -18,7 +18,7 @@ def describe(effects: tuple[str, ...], *fitted: Strength, joints: tuple[Joint, .
 
 def test_the_attributes_of_every_joint_are_given():
     fitted = [
-        Strength(f"joint_friction.{name}_{joint}", "", value, 0.01, INF)
+        Strength(f"joint_friction.{name}_{joint}", "", value, 0.001, INF)
         for name, value in (("dry", 0.03), ("viscous", 0.015))
         for joint in ("hip", "knee")
     ]
@@ -30,6 +30,8 @@ def test_the_attributes_of_every_joint_are_given():
 def test_what_the_data_do_not_show_and_what_no_attribute_holds_is_left_out():
     hidden = Strength("armature.inertia", "kg m2", 0.0, 1.0, INF, prior_only=True)
     assert describe(("armature",), hidden) == ()
+    unclear = Strength("joint_friction.dry", "N m", 0.002, 0.0015, INF)
+    assert describe(("joint_friction",), unclear) == ()
     assert describe(("delay",), Strength("delay.time", "s", 0.1, 0.01, INF)) == ()
     assert describe(("armature",), Strength("armature.inertia", "kg m2", 0.02, 0.001, INF)) == (
         'in the file of your simulator, give joint hip armature="0.02"',

@@ -19,9 +19,8 @@ from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.gap_scenes.contact_free_scene import compare_positions, estimate_first_states
 from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates, neutral_values
+from models.estimation.gap_scenes.mechanism_inputs import EffectValues, InputHistory
 from models.estimation.gap_scenes.outside_simulator import (
-    EffectValues,
-    InputHistory,
     Motions,
     OutsideSimulator,
     Stretch,

@@ -18,7 +18,8 @@ import numpy as np
 
 from models.core.errors import OptionError
 from models.core.typing import BoolArray, FloatArray, IntArray
-from models.estimation.gap_scenes.outside_simulator import Drive, EffectValues, Joint
+from models.estimation.gap_scenes.mechanism_inputs import EffectValues
+from models.estimation.gap_scenes.outside_simulator import Drive, Joint
 
 # s
 _USUAL_TIME_STEP = 0.005
@@ -79,17 +80,31 @@ def _format_reason(error: BaseException) -> str:
     return f"{type(error).__name__}: {' '.join(str(error).split())}"[:200]
 
 
-def try_function(simulator: FunctionSimulator, state: FloatArray) -> None:
-    """Raise an OptionError where a function cannot go one step from a state (2N,)."""
-    inputs = len(simulator.inputs)
-    try:
-        after = simulator.step(state, np.zeros(inputs), np.zeros(len(state) // 2))
-        if not np.isfinite(after).all():
-            raise ValueError(f"from {state} it went to {after}")
-    except (Exception, SystemExit) as error:  # a user's function may raise anything
-        expected = f"(state of {len(state)} numbers, {inputs} inputs, dt) -> state"
-        name = f"{simulator.module}:{simulator.function}"
-        raise OptionError(f"{name} was called as {expected}; it failed: {_format_reason(error)}") from error
+def try_function(simulator: FunctionSimulator, states: FloatArray, inputs: FloatArray) -> tuple[BoolArray, str]:
+    """Try a step of a function from states (K, 2N) under inputs (K, I).
+
+    Returns:
+        Whether each step (K,) fails, and why the first of them does.
+
+    Raises:
+        OptionError: All of them fail.
+    """
+    reasons = dict[int, str]()
+    with redirect_stdout(sys.stderr):  # what a function prints is no result
+        for k, (state, given) in enumerate(zip(states, inputs, strict=True)):
+            try:
+                after = simulator.step(state, given, np.zeros(len(state) // 2))
+                if not np.isfinite(after).all():
+                    raise ValueError(f"from {state} it went to {after}")
+            except (Exception, SystemExit) as error:  # a user's function may raise anything
+                reasons[k] = _format_reason(error)
+    first = next(iter(reasons.values()), "")
+    if len(reasons) == len(states):
+        expected = f"(state of {states.shape[1]} numbers, {inputs.shape[1]} inputs, dt) -> state"
+        raise OptionError(f"{simulator.module}:{simulator.function} was called as {expected}; it failed: {first}")
+    failures = np.zeros(len(states), bool)
+    failures[list(reasons)] = True
+    return failures, first
 
 
 class FunctionSimulator:

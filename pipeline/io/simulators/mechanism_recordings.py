@@ -19,9 +19,10 @@ from diagnosis.fitting.diagnosis_windows import MIN_ROWS
 from models.core.errors import OptionError
 from models.core.recording import Recording, ReferenceFrame
 from models.core.typing import FloatArray
-from models.estimation.gap_scenes.outside_simulator import InputHistory, Joint, OutsideSimulator
+from models.estimation.gap_scenes.mechanism_inputs import InputHistory
+from models.estimation.gap_scenes.outside_simulator import Joint, OutsideSimulator
 from pipeline.io.long_recordings import cut_long_recordings, describe_times
-from pipeline.io.simulators.function_simulator import read_function, try_function
+from pipeline.io.simulators.function_simulator import FunctionSimulator, read_function, try_function
 from pipeline.io.simulators.mujoco_simulator import read_mujoco_file
 from pipeline.io.simulators.recorded_simulator import RecordedSimulator
 from pipeline.io.simulators.ros_recording import is_ros_recording, read_ros_recording
@@ -45,6 +46,10 @@ _WITH_UNIT = re.compile(r"(.+?)_*(?:[\[(]([^\[\]()]+)[\])]|_(deg|rad|m|cm|mm))")
 _OTHER_COLUMNS = {"t", "time", "shot", "frame", "kind", "id", "sigma", "observed"}
 # Recorded poses in which bodies are tested for contact: a second of a fast robot.
 _MOST_POSES = 500
+# Share of a turn by which a recorded angle jumps where a sensor begins anew: no joint turns as far between two rows.
+_JUMP_SHARE = 0.75
+# Largest rotation vector, rad, of a body whose turns are compared: at half a turn it jumps to the other side.
+_LARGEST_TURN = 0.9 * np.pi
 # Multiple of a joint's limit above which angles without a unit are taken for degrees: stops give a little, and degrees
 # are 57 times as many.
 _MOST_LIMITS = 3.0
@@ -107,7 +112,9 @@ def _read_shots(paths: Sequence[Path], simulator_name: str) -> MechanismShots:
     if place.suffix.lower() in (".xml", ".urdf"):
         file = read_mujoco_file(place)
         shots = _match_shots(tables, file)
-        return replace(shots, simulator=file.find_touching(_sample_poses(shots)))
+        poses = np.concatenate(_list_states(shots))[:, : len(file.joints)]
+        every = max(len(poses) // _MOST_POSES, 1)
+        return replace(shots, simulator=file.find_touching(poses[::every]))
     if place.is_file() or is_ros_recording(place):
         return _pair_with_simulation(tables, _separate_units(_read_table(place), frozenset()))
     if ":" not in simulator_name:
@@ -119,25 +126,41 @@ def _read_shots(paths: Sequence[Path], simulator_name: str) -> MechanismShots:
     named = [one for one in _name_joints(numbered) if _NUMBERED_JOINT.fullmatch(one.name)]
     simulator = read_function(simulator_name, named)
     shots = _match_shots(tables, simulator)
-    first = shots.recordings[0]
-    observed = [[joint.name for joint in simulator.joints].index(name) for name in first.bodies]
-    state = simulator.rest.copy()
-    state[observed] = np.nan_to_num(first.positions[0, :, 0])
-    try_function(simulator, state)
-    return shots
+    return _keep_what_works(shots, simulator)
 
 
-def _sample_poses(shots: MechanismShots) -> FloatArray:
-    """Sample recorded poses (K, N) of all joints; one that is not observed is as the file of the simulator states."""
-    joints, rest = [joint.name for joint in shots.simulator.joints], shots.simulator.rest[: len(shots.simulator.joints)]
-    every = max(sum(len(one.t) for one in shots.recordings) // _MOST_POSES, 1)
-    poses = []
+def _keep_what_works(shots: MechanismShots, simulator: FunctionSimulator) -> MechanismShots:
+    """Keep the longest stretch of every recording in which a function works, and say where it fails."""
+    recordings, histories, states = shots.recordings, shots.histories, _list_states(shots)
+    given = [np.nan_to_num(histories[one.shot].values) for one in recordings]
+    failures, reason = try_function(simulator, np.concatenate(states), np.concatenate(given))
+    if not failures.any():
+        return shots
+    longest = []
+    parts = np.split(failures, np.cumsum([len(one.t) for one in recordings])[:-1])
+    for one, failed in zip(recordings, parts, strict=True):
+        borders = np.concatenate([[-1], np.flatnonzero(failed), [len(failed)]])
+        k = int(np.argmax(np.diff(borders)))
+        if borders[k + 1] - borders[k] > MIN_ROWS:
+            longest.append(one.select_rows(int(borders[k]) + 1, int(borders[k + 1])))
+    name = f"{simulator.module}:{simulator.function}"
+    if 2 * failures.sum() > len(failures) or not longest:
+        raise OptionError(f"{name} fails at {100 * failures.mean():.0f} % of the recorded states: {reason}; correct it")
+    note = f"{name} fails at {failures.sum()} of {len(failures)} recorded states, which are left out: {reason}"
+    return replace(shots, recordings=tuple(longest), notes=(*shots.notes, note))
+
+
+def _list_states(shots: MechanismShots) -> list[FloatArray]:
+    """List the states (T, 2N) of all recordings; a joint that is not observed is at the rest of the simulator."""
+    joints, rest, states = [joint.name for joint in shots.simulator.joints], shots.simulator.rest, []
     for one in shots.recordings:
-        places = one.positions[::every, :, 0]
-        pose = np.tile(rest, (len(places), 1))
-        pose[:, [joints.index(name) for name in one.bodies]] = places
-        poses.append(np.where(np.isfinite(pose), pose, rest))
-    return np.concatenate(poses)
+        observed, places = np.array([joints.index(name) for name in one.bodies]), one.positions[:, :, 0]
+        state = np.tile(rest, (len(places), 1))
+        state[:, observed] = places
+        if len(places) > 1:
+            state[:, len(joints) + observed] = np.gradient(places, one.t, axis=0)
+        states.append(np.where(np.isfinite(state), state, rest))
+    return states
 
 
 def _match_shots(tables: Sequence[TextTable], simulator: OutsideSimulator) -> MechanismShots:
@@ -148,16 +171,21 @@ def _match_shots(tables: Sequence[TextTable], simulator: OutsideSimulator) -> Me
     for raw in tables:
         table = _separate_units(raw, familiar)
         _require_numbers(table, familiar)
-        joints, columns, assumed = _find_joint_columns(table, simulator)
+        joints, columns, assumed = _leave_out_far_turns(table, *_find_joint_columns(table, simulator))
         inputs, more = _find_input_columns(table, simulator, columns)
         unused = [name for name in table.columns if name not in {*columns, *inputs, *_OTHER_COLUMNS}]
+        jumping = set[str]()
         left = [f"{escape_text(table.path)}: not used: {', '.join(unused)}"] if unused else []
         notes += [*table.notes, *assumed, *more, *left, *_doubt_radians(table, joints, columns)]
         for part in _split_shots(table, simulator, joints, columns, inputs):
             shot = len(recordings)
+            jumping |= _undo_full_turns(part, joints)
             recordings.append(_record(part, shot, joints))
             histories[shot] = InputHistory(part.t, part.inputs)
             origins[shot] = f"{table.path.name}, shot {part.number}"
+        if jumping:
+            angles = ", ".join(sorted(jumping))
+            notes.append(f"{escape_text(table.path)}: jumps of a whole turn were undone in {angles}")
     if len({one.bodies for one in recordings}) > 1:
         raise OptionError("The recordings have columns for different joints; diagnose them separately")
     _require_samples(recordings)
@@ -192,6 +220,42 @@ def _doubt_radians(table: TextTable, joints: Sequence[Joint], columns: Sequence[
                 f" name the column {column} (deg)"
             )
     return doubts
+
+
+def _leave_out_far_turns(
+    table: TextTable, joints: tuple[Joint, ...], columns: list[str], notes: list[str]
+) -> tuple[tuple[Joint, ...], list[str], list[str]]:
+    """Leave out the turns of bodies that turn by half a turn: rotation vectors jump there.
+
+    Raises:
+        OptionError: Nothing else was recorded.
+    """
+    groups = {joint.body for joint in joints if joint.body and joint.unit == "rad"}
+    for body in sorted(groups):
+        turns = [_convert(table, joint, one) for joint, one in zip(joints, columns, strict=True) if joint.body == body]
+        if np.nanmax(np.linalg.norm(turns, axis=0), initial=0.0) < _LARGEST_TURN:
+            continue
+        rest = [(joint, one) for joint, one in zip(joints, columns, strict=True) if joint.body != body]
+        left = ", ".join(joint.name for joint in joints if joint.body == body)
+        place = f"{escape_text(table.path)}: a body turns by half a turn, where rotation vectors jump;"
+        if not rest:
+            raise OptionError(f"{place} record {left} in shorter runs that begin near 0")
+        joints, columns = tuple(joint for joint, _ in rest), [one for _, one in rest]
+        notes = [*notes, f"{place} not used: {left}"]
+    return joints, columns, notes
+
+
+def _undo_full_turns(part: _Part, joints: tuple[Joint, ...]) -> set[str]:
+    """Undo the jumps of angles that a sensor keeps within a turn, in place, and return the names of these joints."""
+    jumping = set()
+    for joint, column in zip(joints, part.positions.T, strict=True):
+        rows = np.flatnonzero(np.isfinite(column))
+        is_angle = joint.unit == "rad" and not joint.body and np.isinf(joint.limit)
+        jumps = np.abs(np.diff(column[rows])).max(initial=0.0)
+        if is_angle and _JUMP_SHARE * 2 * np.pi < jumps and np.ptp(column[rows]) < 1.01 * 2 * np.pi:
+            column[rows] = np.unwrap(column[rows])
+            jumping.add(joint.name)
+    return jumping
 
 
 def _require_samples(recordings: Sequence[Recording]) -> None:

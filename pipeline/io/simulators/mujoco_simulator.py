@@ -12,7 +12,8 @@ import numpy as np
 
 from models.core.errors import OptionError
 from models.core.typing import BoolArray, FloatArray, IntArray
-from models.estimation.gap_scenes.outside_simulator import Drive, EffectValues, Joint
+from models.estimation.gap_scenes.mechanism_inputs import EffectValues
+from models.estimation.gap_scenes.outside_simulator import Drive, Joint
 from pipeline.engine.extras import name_remedy
 from pipeline.reporting.text.text_formatting import escape_text
 

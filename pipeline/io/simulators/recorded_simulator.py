@@ -13,7 +13,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from models.core.typing import BoolArray, FloatArray, IntArray
-from models.estimation.gap_scenes.outside_simulator import Drive, EffectValues, Joint
+from models.estimation.gap_scenes.mechanism_inputs import EffectValues
+from models.estimation.gap_scenes.outside_simulator import Drive, Joint
 
 
 class RecordedSimulator:

@@ -14,7 +14,7 @@ from diagnosis.fitting.gap_closure import GapClosure
 from diagnosis.fitting.prediction_windows import PredictionWindow
 from diagnosis.verdicts.verdict import DiagnosisReport, Gap
 from models.core.recording import Recording
-from models.estimation.gap_scenes.outside_simulator import InputHistory
+from models.estimation.gap_scenes.mechanism_inputs import InputHistory
 from models.estimation.gap_scenes.simulator_scene import find_reversals
 from pipeline.io.simulators.mechanism_recordings import MechanismShots, read_mechanism_shots
 from pipeline.reporting.pages.gap_page import build_gap_figures

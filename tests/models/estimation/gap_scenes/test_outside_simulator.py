@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from models.core.typing import BoolArray, FloatArray, IntArray
+from models.estimation.gap_scenes.mechanism_inputs import EffectValues, InputHistory
 from models.estimation.gap_scenes.outside_simulator import (
     Drive,
-    EffectValues,
-    InputHistory,
     Joint,
     Motions,
     Stretch,

@@ -10,7 +10,7 @@ import pytest
 
 from models.core.recording import Recording, ReferenceFrame
 from models.core.typing import FloatArray, IntArray
-from models.estimation.gap_scenes.outside_simulator import InputHistory
+from models.estimation.gap_scenes.mechanism_inputs import InputHistory
 from models.estimation.gap_scenes.simulator_scene import SimulatorScene, build_simulator_scene
 from models.estimation.multiple_shooting.shooting_fit import ShootingOptions, fit_windows
 from models.estimation.multiple_shooting.shooting_windows import fix_parameters

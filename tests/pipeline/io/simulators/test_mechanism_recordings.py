@@ -303,3 +303,62 @@ def test_a_recording_that_is_cut_meets_its_own_simulation_in_every_shot(tmp_path
 def test_many_shots_are_not_cut(tmp_path: Path, simulator: str):
     rows = [[shot, *row] for shot in range(6) for row in swing_rows(200)]
     assert len(read_mechanism_shots(write(tmp_path, "shot,t,q,command", rows), simulator).recordings) == 6
+
+
+@pytest.mark.parametrize("limit", [-0.05, 0.05])
+def test_what_a_function_cannot_simulate_is_left_out_and_its_reason_noted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: float
+):
+    module = f"swing_above_{'zero' if limit < 0 else 'most'}"
+    text = FUNCTION.format(f"if state[0] < {limit}:\n        raise RuntimeError('stop\\nreached')\n    return state")
+    (tmp_path / f"{module}.py").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    rows = [row[:2] for row in swing_rows(60)]
+    real = write(tmp_path, "t,q", rows)
+    is_below = np.array([row[1] < limit for row in rows])
+    if is_below.mean() > 0.5:
+        with pytest.raises(OptionError, match=r"fails at 70 % of the recorded states: RuntimeError: stop reached"):
+            read_mechanism_shots(real, f"{module}:swing")
+        return
+    shots = read_mechanism_shots(real, f"{module}:swing")
+    (note,) = (one for one in shots.notes if "fails at" in one)
+    assert f"fails at {is_below.sum()} of 60 recorded states" in note
+    assert note.endswith("RuntimeError: stop reached")
+    (one,) = shots.recordings
+    assert (one.positions[:, 0, 0] >= limit).all()
+    assert len(one.t) == 21, "the first swing down to the stop"
+
+
+def test_jumps_of_a_whole_turn_are_undone_where_a_joint_turns_freely(tmp_path: Path):
+    pytest.importorskip("mujoco", reason="mujoco is an extra")
+    (tmp_path / "wheel.xml").write_text(PENDULUM.replace('range="-2 2" limited="true"', ""))
+    angles = 0.3 * np.arange(60)
+    rows = [[0.01 * k, float((one + np.pi) % (2 * np.pi) - np.pi)] for k, one in enumerate(angles)]
+    rows[30][1] = ""  # a gap is no jump
+    shots = read_mechanism_shots(write(tmp_path, "t,hinge", rows), str(tmp_path / "wheel.xml"))
+    angles[30] = np.nan
+    np.testing.assert_allclose(shots.recordings[0].positions[:, 0, 0], angles, atol=1e-9)
+    assert any("jumps of a whole turn were undone in hinge" in one for one in shots.notes)
+    tame = read_mechanism_shots(
+        write(tmp_path, "t,hinge", [row[:2] for row in swing_rows()]), str(tmp_path / "wheel.xml")
+    )
+    assert not any("were undone" in one for one in tame.notes)
+
+
+@pytest.mark.parametrize("has_place", [True, False])
+def test_turns_beyond_half_a_turn_are_not_compared(tmp_path: Path, has_place: bool):
+    pytest.importorskip("mujoco", reason="mujoco is an extra")
+    body = '<body name="disc"><freejoint/><geom type="box" size="0.1 0.1 0.02"/></body>'
+    (tmp_path / "disc.xml").write_text(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+    rows = [[0.01 * k, 0.1 * k, 0.0, 0.0, 0.0, 0.0, (0.3 * k + np.pi) % (2 * np.pi) - np.pi] for k in range(40)]
+    names = ["disc.x", "disc.y", "disc.z", "disc.rx", "disc.ry", "disc.rz"]
+    if not has_place:
+        rows, names = [[row[0], *row[4:]] for row in rows], names[3:]
+    real = write(tmp_path, ",".join(["t", *names]), rows)
+    if not has_place:
+        with pytest.raises(OptionError, match=r"half a turn.*record disc.rx, disc.ry, disc.rz in shorter runs"):
+            read_mechanism_shots(real, str(tmp_path / "disc.xml"))
+        return
+    shots = read_mechanism_shots(real, str(tmp_path / "disc.xml"))
+    assert shots.recordings[0].bodies == ("disc.x", "disc.y", "disc.z")
+    assert any(one.endswith("not used: disc.rx, disc.ry, disc.rz") for one in shots.notes)
