@@ -13,7 +13,7 @@ from PIL import Image
 
 from models.core.answer import Answer, Quantity
 from models.core.errors import OptionError
-from models.core.number_format import format_probability, format_flight_speed
+from models.core.number_format import format_flight_speed, format_probability
 from models.core.rally import Rally
 from models.estimation.rally.landing_judgement import LandingCall, judge_landing, judge_net
 from models.estimation.rally.landing_margin import format_distance

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from models.core.fit_result import AMBER_SHARE, GREEN_SHARE, Trust, TrustLevel, is_undecided
-from models.core.number_format import format_probability, format_flight_speed, format_time
+from models.core.number_format import format_flight_speed, format_probability, format_time
 from models.core.rally import Rally, RallyEvent
 from models.estimation.rally.landing_judgement import CallReason, LandingCall, NetCrossing, find_explained_share
 from models.estimation.rally.landing_margin import format_distance, format_line_distance, format_margin

@@ -8,9 +8,9 @@ import numpy as np
 
 from models.core.fit_result import SURE_PROBABILITY
 from models.core.number_format import (
+    format_flight_speed,
     format_moment,
     format_probability,
-    format_flight_speed,
     format_time,
     format_with_sigma,
 )
