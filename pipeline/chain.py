@@ -27,7 +27,7 @@ from pipeline.engine.result_cache import CacheEntry, ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
 from pipeline.engine.stage_graph import RunWatcher, StageGraph, accept_result
 from pipeline.io.corrections_file import corrections_path, read_corrections
-from pipeline.io.run_folder import SOURCE_FILE, STAGE_FILES, read_source
+from pipeline.io.run_folder import SOURCE_FILE, STAGE_FILES, TABLES, read_source
 from pipeline.io.run_views import view_inputs
 from pipeline.io.saved_shot import publish_shot
 from pipeline.io.shot_laws import keep_laws
@@ -472,7 +472,7 @@ def publish_files(entries: Mapping[str, CacheEntry], folder: Path, keeps_older: 
     is_older = "export" in entries and find_report_tables(folder) != hash_tables(entries["export"].folder)
     folder.mkdir(parents=True, exist_ok=True)
     sources = {name: entries[stage].folder / name for stage, names in STAGE_FILES.items() if stage in entries
-               for name in names}  # fmt: skip
+               for name in names if (entries[stage].folder / name).exists()}  # fmt: skip
     changed = [name for name, source in sources.items() if not _is_published(source, folder / name)]
     if is_older and not keeps_older:
         for name in {name for names in STAGE_FILES.values() for name in names} - sources.keys():
@@ -503,7 +503,7 @@ def hash_tables(folder: Path) -> str:
     """
     digest = hashlib.sha256()
     try:
-        for name in STAGE_FILES["export"]:
+        for name in TABLES:
             with (folder / name).open("rb") as file:
                 digest.update(hashlib.file_digest(file, "sha256").digest())
     except OSError:

@@ -91,6 +91,11 @@ def format_speed(speed: float, sigma: float = nan) -> str:
     return f"{shown} m/s ({3.6 * speed:.1f} km/h)" if speed >= CREEPING_SPEED else f"{shown} m/s"
 
 
+def format_flight_speed(speed: float, sigma: float = nan) -> str:
+    """Format the speed, m/s, of a ball or shuttle in flight, such as `213 ± 11 km/h`: players state it so."""
+    return f"{format_with_sigma(3.6 * speed, 3.6 * sigma, 1)} km/h"
+
+
 def format_time(t: float, sigma: float = nan) -> str:
     """Format an estimated time of the clip.
 

@@ -13,7 +13,7 @@ from PIL import Image
 
 from models.core.answer import Answer, Quantity
 from models.core.errors import OptionError
-from models.core.number_format import format_probability, format_speed
+from models.core.number_format import format_flight_speed, format_probability
 from models.core.rally import Rally
 from models.estimation.rally.landing_judgement import LandingCall, judge_landing, judge_net
 from models.estimation.rally.landing_margin import format_distance
@@ -146,7 +146,7 @@ def _answer_net(rally: Rally) -> Answer:
     last = crossings[-1]
     rows = [
         (f"{one.t:.2f} s", "-" * (one.height < 0) + format_distance(one.height, one.height_sigma),
-         format_speed(one.speed), format_probability(one.over_probability))
+         format_flight_speed(one.speed), format_probability(one.over_probability))
         for one in crossings
     ]  # fmt: skip
     document = {

@@ -1,4 +1,4 @@
-"""The tables of a rally: tracks.csv, events.csv, trajectory.csv and scene.json."""
+"""The tables of a rally: tracks.csv, events.csv, strokes.csv, trajectory.csv and scene.json."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from models.core.rally import FLIGHT_PARAMETERS, Flight, Rally
 from models.core.typing import FloatArray
 from models.estimation.rally.rally_columns import RallyTrajectory, tabulate_tracks
+from models.estimation.rally.stroke_summary import Stroke, summarize_strokes
 from pipeline.io.csv_tables import SHOT_NUMBER, Columns, write_columns
 from pipeline.io.strict_json import format_strict_json
 from pipeline.reporting.text.rally_sentences import assess_rally_trust, format_rally_notes
@@ -18,6 +19,12 @@ from pipeline.reporting.text.text_formatting import summarize_trust
 from video.io.clip import Clip
 
 TRAJECTORY_HZ = 1000.0
+# Numbers of a stroke in strokes.csv: s, km/h, m.
+STROKE_NUMBERS = (
+    "t", "t_sigma", "probability", "speed_kmh", "speed_kmh_sigma", "apex", "apex_sigma", "net", "net_sigma",
+    "in_probability", "out_probability", "landing_t", "landing_x", "landing_y", "landing_x_sigma", "landing_y_sigma",
+    "landing_seen",
+)  # fmt: skip
 # Units of `FLIGHT_PARAMETERS`; a turn-over drag is one too.
 UNITS = ("m", "m", "m", "m/s", "m/s", "m/s", "1/m", "1/m", "1/m", "1/m", "1/m", "1", "1")
 CAMERA_PARAMETERS = (
@@ -27,7 +34,7 @@ CAMERA_PARAMETERS = (
 
 
 def write_rally_files(clip: Clip, rally: Rally, folder: Path) -> None:
-    """Write tracks.csv, events.csv, trajectory.csv and scene.json.
+    """Write tracks.csv, events.csv, strokes.csv, trajectory.csv and scene.json.
 
     Args:
         clip: The clip, for its facts.
@@ -35,6 +42,7 @@ def write_rally_files(clip: Clip, rally: Rally, folder: Path) -> None:
     """
     write_rally_tracks(rally, folder / "tracks.csv")
     write_rally_events(rally, folder / "events.csv")
+    write_columns(tabulate_strokes(rally), folder / "strokes.csv")
     write_rally_trajectory(rally, folder / "trajectory.csv")
     (folder / "scene.json").write_text(format_strict_json(describe_rally(clip, rally)), encoding="utf-8")
 
@@ -67,6 +75,34 @@ def write_rally_events(rally: Rally, path: Path) -> None:
         "gap_mm": blank, "gap_mm_sigma": blank, "speed": np.array([one.speed for one in events], np.float64),
     }  # fmt: skip
     write_columns(columns, path)
+
+
+def tabulate_strokes(rally: Rally) -> Columns:
+    """Tabulate the strokes: speed at the racket, apex, height over the net, landing and its probabilities.
+
+    The landing is where the object first touched the surface, or would have had nobody returned it (`landing_seen` 0).
+    """
+    strokes = summarize_strokes(rally)
+    numbers = np.array([_list_numbers(one) for one in strokes], np.float64).reshape(-1, len(STROKE_NUMBERS))
+    columns: Columns = {
+        "shot": np.full(len(strokes), SHOT_NUMBER), "frame": find_frames(rally, numbers[:, 0]),
+        "player": [one.hit.player for one in strokes],
+    }  # fmt: skip
+    return {**columns, **dict(zip(STROKE_NUMBERS, numbers.T, strict=True))}
+
+
+def _list_numbers(stroke: Stroke) -> list[float]:
+    """List the `STROKE_NUMBERS` of a stroke; NaN where they are not known."""
+    hit, net, call = stroke.hit, stroke.net, stroke.call
+    numbers = [hit.t, hit.t_sigma, hit.probability, 3.6 * hit.speed, 3.6 * hit.speed_sigma]
+    numbers += [float(stroke.apex[2]), stroke.apex_sigma]
+    numbers += [math.nan] * 2 if net is None else [net.height, net.height_sigma]
+    landing = None if call is None else call.landing
+    if call is None or landing is None:
+        return numbers + [math.nan] * 8
+    sigma = np.sqrt(np.diag(landing.covariance))
+    numbers += [call.probability, call.out_probability, landing.t]
+    return [*numbers, *landing.place[:2].tolist(), *sigma[:2].tolist(), float(landing.is_seen)]
 
 
 def find_frames(rally: Rally, t: FloatArray) -> FloatArray:

@@ -22,9 +22,11 @@ from pipeline.io.text_table import Columns, read_text_table
 
 # File of a run folder that names the source clip.
 SOURCE_FILE = "source.json"
-# Files of a run folder by the stage that writes them.
+# Tables of every run.
+TABLES = ("tracks.csv", "events.csv", "trajectory.csv", "scene.json")
+# Files of a run folder by the stage that writes them; only a rally has strokes.csv.
 STAGE_FILES: Mapping[str, tuple[str, ...]] = {
-    "export": ("tracks.csv", "events.csv", "trajectory.csv", "scene.json"),
+    "export": (*TABLES, "strokes.csv"),
     "poster": ("poster.png",),
     "report": ("report.html", "summary.json"),
     "record": ("recording.rrd",),

@@ -18,7 +18,7 @@ from models.core.progress import Progress, ignore_progress
 from pipeline.chain import FinishedRun, build_run_graph, run_clip
 from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
-from pipeline.io.run_folder import STAGE_FILES
+from pipeline.io.run_folder import TABLES
 from pipeline.recording_shots import find_recording_shots
 from pipeline.run_options import build_options, list_settings
 from pipeline.stages.read_stage import open_frame_memory
@@ -100,7 +100,7 @@ def test_a_clip_that_does_not_fit_is_decoded_by_each_stage_with_equal_results(
     assert counts["decoded"] > 6 * open_clip(clip).frame_count
     assert counts["timelines"] == counts["backgrounds"] == counts["hashed"] == 1
     assert [note for note in finished.notes if "frames take more than 5 MB of memory" in note]
-    for name in ("poster.png", "slow.mp4", "report.html", *STAGE_FILES["export"]):
+    for name in ("poster.png", "slow.mp4", "report.html", *TABLES):
         assert (finished.folder / name).read_bytes() == (home.out / name).read_bytes(), name
 
 

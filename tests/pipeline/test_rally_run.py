@@ -29,7 +29,7 @@ from pipeline.run_options import RunOptions, list_setting_values
 from video.io.video_writer import VideoWriter
 
 FILES = {
-    "slow.mp4", "tracks.csv", "events.csv", "scene.json", "trajectory.csv",
+    "slow.mp4", "tracks.csv", "events.csv", "strokes.csv", "scene.json", "trajectory.csv",
     "recording.rrd", "report.html", "summary.json", "poster.png", "source.json", "shot",
 }  # fmt: skip
 
@@ -94,6 +94,22 @@ def test_events_name_the_player_and_the_place(courts: Home) -> None:
     assert float(landing["frame"]) == pytest.approx(25 * float(landing["t"]), abs=1e-3)
 
 
+def test_strokes_have_speed_apex_height_over_the_net_and_landing(courts: Home) -> None:
+    (row,) = courts.rows("strokes.csv")
+    hit = courts.rows("events.csv")[0]
+    assert (row["player"], row["t"], row["frame"]) == ("near", hit["t"], hit["frame"])
+    assert float(row["speed_kmh"]) == pytest.approx(3.6 * float(hit["speed"]), abs=1e-4)
+    assert float(row["speed_kmh_sigma"]) == pytest.approx(3.6 * 0.4, abs=1e-4)  # as staged
+    assert float(row["apex"]) == pytest.approx(courts.column("trajectory.csv", "z").max(), abs=1e-3)
+    assert 0 < float(row["apex_sigma"]) < 0.5
+    at_net = np.interp(6.7, courts.column("trajectory.csv", "x"), courts.column("trajectory.csv", "z"))
+    assert float(row["net"]) == pytest.approx(at_net - 0.033 - 1.53, abs=0.02)  # m, radius and edge
+    assert [float(row[name]) for name in ("landing_x", "landing_y", "landing_seen")] == [13.0, 3.0, 1.0]
+    assert float(row["in_probability"]) > 0.999
+    shown = f"{float(row['speed_kmh']):.1f} ± 1.4 km/h"
+    assert shown in (courts.folder / "printed.txt").read_text()
+
+
 def test_the_trajectory_is_sampled_a_thousand_times_a_second_in_space(courts: Home) -> None:
     t, z, vz = (courts.column("trajectory.csv", name) for name in ("t", "z", "vz"))
     assert np.diff(t) == pytest.approx(0.001, abs=1e-6)
@@ -116,6 +132,7 @@ def test_the_scene_states_court_calibration_flights_landing_and_trust(courts: Ho
 def test_a_second_run_takes_everything_from_the_cache(courts: Home, tmp_path: Path) -> None:
     done = courts.trueroll("run", courts.clip, "-o", tmp_path / "again", "--json")
     assert json.loads(done.out)["landing"]["code"] == "in"
+    assert [one["player"] for one in json.loads(done.out)["strokes"]] == ["near"]
     for path in courts.out.iterdir():
         if path.is_file():
             assert (tmp_path / "again" / path.name).read_bytes() == path.read_bytes()

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from models.core.fit_result import SURE_PROBABILITY
-from models.core.number_format import format_probability, format_time, format_with_sigma
+from models.core.number_format import format_flight_speed, format_probability, format_time, format_with_sigma
 from models.core.rally import Rally, RallyEvent
 from models.core.typing import FloatArray, ImageArray
 from models.estimation.rally.landing_judgement import LandingCall
@@ -271,8 +271,8 @@ def _collect_marks(
             continue
         is_measured = stroke.hit.speed_sigma < MAX_SPEED_ERROR * stroke.hit.speed
         if stroke.hit.probability >= MIN_PROBABILITY and is_measured:
-            speed = format_with_sigma(3.6 * stroke.hit.speed, 3.6 * stroke.hit.speed_sigma, 0)
-            marks.append(RallyMark(stroke.hit.t, stroke.hit.place, Label(f"{speed} km/h", "", colour)))
+            speed = format_flight_speed(stroke.hit.speed, stroke.hit.speed_sigma)
+            marks.append(RallyMark(stroke.hit.t, stroke.hit.place, Label(speed, "", colour)))
         if stroke.net is not None and not stroke.net.is_touch and stroke.net.height_sigma < MAX_HEIGHT_ERROR:
             height = format_with_sigma(100 * abs(stroke.net.height), 100 * stroke.net.height_sigma, 0)
             label = Label("net", f"{height} cm {'over' if stroke.net.height >= 0 else 'below'} its edge", colour)

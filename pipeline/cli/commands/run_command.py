@@ -10,10 +10,12 @@ from typing import Annotated, Any
 import typer
 
 from models.estimation.rally.landing_judgement import judge_landing
+from models.estimation.rally.stroke_summary import summarize_strokes
 from models.numerics.jit import notify_first_compilation
 from pipeline.chain import FinishedRally, FinishedRun, default_run_folder
 from pipeline.engine.helper_executor import DeferredExecutor
 from pipeline.engine.result_cache import open_cache
+from pipeline.io.rally_files import tabulate_strokes
 from pipeline.io.run_tables import describe_shot_numbers
 from pipeline.io.strict_json import replace_nonfinite
 from pipeline.recording_shots import ShotChoice, run_chosen_shot
@@ -21,6 +23,7 @@ from pipeline.reporting.text.check_sentences import format_event_probability
 from pipeline.reporting.text.fit_sentences import format_whole_shot
 from pipeline.reporting.text.number_sentences import format_shot_line
 from pipeline.reporting.text.rally_sentences import describe_landing_call, format_landing, list_event_rows
+from pipeline.reporting.text.stroke_sentences import STROKE_HEADINGS, list_stroke_rows
 from pipeline.reporting.text.text_formatting import (
     format_event,
     format_event_time,
@@ -112,9 +115,11 @@ def _rally_to_json(finished: FinishedRally) -> dict[str, Any]:
     rally = finished.rally
     names = ("kind", "t", "t_sigma", "player", "probability", "speed", "speed_sigma")
     rows = [{name: getattr(one, name) for name in names} | {"place": one.place} for one in rally.events]
+    table = tabulate_strokes(rally)
+    strokes = [dict(zip(table, row, strict=True)) for row in zip(*map(list, table.values()), strict=True)]
     document = {"folder": str(finished.folder), "sport": rally.scene.sport.name,
                 "trust": summarize_trust(finished.trust), "events": rows,
-                "landing": describe_landing_call(judge_landing(rally), rally)}  # fmt: skip
+                "strokes": strokes, "landing": describe_landing_call(judge_landing(rally), rally)}  # fmt: skip
     return dict(replace_nonfinite(document))
 
 
@@ -131,9 +136,12 @@ def _run_to_json(finished: FinishedRun | FinishedRally) -> dict[str, Any]:
 
 
 def _print_rally(finished: FinishedRally) -> None:
-    """Print the events and the call of the landing."""
+    """Print the events, the strokes and the call of the landing."""
     rally = finished.rally
     cli.print_rows(("time", "what", "probability"), list_event_rows(rally))
+    cells = [row for _, row in list_stroke_rows(rally, summarize_strokes(rally))]
+    if cells:
+        cli.print_rows(STROKE_HEADINGS, cells)
     words = format_landing(judge_landing(rally), rally)
     screen = cli.make_output_console()
     screen.print(f"{words.question} {words.sentence}", markup=False)

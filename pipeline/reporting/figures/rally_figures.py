@@ -8,7 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from models.core.ball_look import format_colour
-from models.core.number_format import format_speed
+from models.core.number_format import format_flight_speed
 from models.core.rally import Rally
 from models.core.typing import FloatArray
 from models.estimation.rally.rally_views import evaluate_rally
@@ -77,7 +77,7 @@ def _add_stroke(figure: go.Figure, rally: Rally, stroke: Stroke, across: int, is
         x=path.xyz[:, 0], y=path.xyz[:, across], mode="lines", name=f"{who} player", legendgroup=who, meta=who,
         showlegend=is_named, line={"color": colour, "width": 2}, customdata=hover, hovertemplate=HOVER,
     )  # fmt: skip
-    text = f"hit at {stroke.hit.t:.3f} s, {format_speed(stroke.hit.speed, stroke.hit.speed_sigma)}"
+    text = f"hit at {stroke.hit.t:.3f} s, {format_flight_speed(stroke.hit.speed, stroke.hit.speed_sigma)}"
     figure.add_scatter(
         x=[stroke.hit.place[0]], y=[stroke.hit.place[across]], mode="markers", legendgroup=who, showlegend=False,
         marker={"color": colour, "size": 8}, text=[text], hovertemplate="%{text}<extra></extra>",

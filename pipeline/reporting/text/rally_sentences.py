@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from models.core.fit_result import AMBER_SHARE, GREEN_SHARE, Trust, TrustLevel, is_undecided
-from models.core.number_format import format_probability, format_speed, format_time
+from models.core.number_format import format_flight_speed, format_probability, format_time
 from models.core.rally import Rally, RallyEvent
 from models.estimation.rally.landing_judgement import CallReason, LandingCall, NetCrossing, find_explained_share
 from models.estimation.rally.landing_margin import format_distance, format_line_distance, format_margin
@@ -60,7 +60,7 @@ def format_rally_event(event: RallyEvent, name: str) -> str:
     words = {"hit": " and leaves at {}", "bounce": ", arriving at {}", "landing": ", arriving at {}"}.get(
         event.kind, ""
     )
-    shown = words.format(format_speed(event.speed, event.speed_sigma)) if math.isfinite(event.speed) else ""
+    shown = words.format(format_flight_speed(event.speed, event.speed_sigma)) if math.isfinite(event.speed) else ""
     return f"The {name} {EVENT_WORDS[event.kind]}{who}{shown}"
 
 
@@ -122,7 +122,7 @@ def format_landing(call: LandingCall, rally: Rally) -> LandingWords:
     margin = format_margin(call)
     would = "landed" if call.landing.is_seen else "would have landed"
     when = format_time(call.landing.t, call.landing.t_sigma)
-    speed = f", at {format_speed(call.speed, call.speed_sigma)}" if math.isfinite(call.speed) else ""
+    speed = f", at {format_flight_speed(call.speed, call.speed_sigma)}" if math.isfinite(call.speed) else ""
     text = f"{head}: at {when} the {name} {would} {margin}{speed}."
     if call.rival is not None:
         text += f" The probability depends more on another distance: {format_line_distance(call.rival)}."

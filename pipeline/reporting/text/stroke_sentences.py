@@ -7,7 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.core.fit_result import SURE_PROBABILITY
-from models.core.number_format import format_moment, format_probability, format_speed, format_time, format_with_sigma
+from models.core.number_format import (
+    format_flight_speed,
+    format_moment,
+    format_probability,
+    format_time,
+    format_with_sigma,
+)
 from models.core.rally import Rally
 from models.estimation.rally.landing_judgement import LandingCall, find_last_hit
 from models.estimation.rally.landing_margin import format_distance
@@ -90,7 +96,7 @@ def list_stroke_rows(rally: Rally, strokes: tuple[Stroke, ...]) -> list[tuple[fl
             (
                 format_time(one.hit.t, one.hit.t_sigma),
                 (one.hit.player or NOT_KNOWN) + _format_doubt(one),
-                format_speed(one.hit.speed, one.hit.speed_sigma) if np.isfinite(one.hit.speed) else NOT_KNOWN,
+                format_flight_speed(one.hit.speed, one.hit.speed_sigma) if np.isfinite(one.hit.speed) else NOT_KNOWN,
                 f"{format_with_sigma(float(one.apex[2]), one.apex_sigma, 2)} m"
                 if np.isfinite(one.apex[2])
                 else NOT_KNOWN,
