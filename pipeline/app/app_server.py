@@ -252,6 +252,7 @@ class LibraryHandlers:
         document = {
             "revision": self._library.revision,
             "shots": [card.describe() | ({"state": "running"} if card.id in busy else {}) for card in cards],
+            "former_names": self._library.read_former_names(),
             "jobs": jobs,
             "disk": self._library.measure_disk(),
             "local": is_local,

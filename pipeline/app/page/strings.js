@@ -70,6 +70,7 @@ export const text = {
     rename: "Rename",
     renameTitle: (name) => `Rename ${name}`,
     newName: "New name",
+    formerName: (name) => `Back to ${name}`,
     renamed: (name) => `Renamed to ${name}.`,
     noMatch: "No shot fits.",
     clearFilter: "Show all",
