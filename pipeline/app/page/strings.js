@@ -128,7 +128,7 @@ export const text = {
     more: (count) => `${count} more about the filming`,
     checking: "Checking how the clip was filmed",
     step: (name, at, all) => `Step ${at} of ${all}: ${name}`,
-    steps: { read: "Read", table: "Table", balls: "Balls", tracks: "Tracks", motion: "Motion", report: "Report", video: "Slow motion" },
+    steps: { read: "Read", table: "Table", balls: "Balls", tracks: "Tracks", motion: "Motion", report: "Report", video: "Video" },
     states: { waiting: "waits", checking: "is checked", running: "runs", done: "is done", failed: "failed", cancelled: "was cancelled" },
   },
   corners: {
@@ -186,7 +186,7 @@ export const text = {
     none: "No ball was struck in this clip.",
     sure: (probability) => `${formatPercent(probability)} sure`,
     time: "When",
-    margin: (value) => (value < 0 ? "The free paths overlap by" : "Apart by"),
+    margin: (value) => (value < 0 ? "Without a touch, they would overlap by" : "Apart by"),
     reasons: "Why",
     picture: (question) => `Close-up: ${question}`,
   },

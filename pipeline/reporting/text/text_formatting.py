@@ -138,7 +138,7 @@ PAGE_OPTIONS = {"at": "The moment", "angle": "The direction", "side": "The side 
                 "spread": "The player's spread", "on": "The ball on", "corners": "The corners of the table",
                 "edge": "The edge of the ball"}  # fmt: skip
 PAGE_REMEDIES = {
-    "corners": "mark its corners, or film it again with all four cushions in view",
+    "corners": "film it with all four cushions in view, or mark its corners",
     "court corners": "mark the corners of the court",
     "balls": "film the table from higher up, or mark its corners",
 }
