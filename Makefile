@@ -9,11 +9,14 @@ export OMP_NUM_THREADS ?= 1
 KERNELS ?= Haswell Nehalem
 NUMERICAL_TESTS := tests/models/numerics tests/models/estimation tests/diagnosis tests/pipeline/test_degenerate_tracks.py
 
-.PHONY: run test test-kernels check mutants figures docs notebooks wheel clean
+.PHONY: run app test test-kernels check mutants figures docs notebooks wheel clean
 
 run: .venv/.program
 	$(BIN)/trueroll batch sample_videos -o $(OUT) --jobs 2
 	@echo "Look at $(OUT)/*/slow.mp4, $(OUT)/*/report.html and $(OUT)/summary.csv; or: $(BIN)/trueroll view $(OUT)/overhead_pool"
+
+app: .venv/.program
+	$(BIN)/trueroll app --library $(OUT)
 
 test: .venv/.tools
 	$(BIN)/python -m pytest -n auto --dist worksteal $(ARGS)

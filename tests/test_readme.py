@@ -81,6 +81,21 @@ def test_the_readme_names_the_two_commands_first() -> None:
     assert blocks()[0] == ["make run", "make test"]
 
 
+@pytest.mark.parametrize("status", [0, 2])
+def test_a_double_click_makes_the_page_and_shows_why_it_cannot(status: int, tmp_path: Path) -> None:
+    starter = ROOT / "trueroll.command"
+    assert f"`{starter.name}`" in README
+    make = tmp_path / "make"
+    make.write_text(f'#!/bin/sh\necho "make $@ in $PWD"\nexit {status}\n', encoding="utf-8")
+    make.chmod(0o755)
+    done = subprocess.run(
+        [starter], cwd=tmp_path, env={"PATH": f"{tmp_path}:/usr/bin:/bin"}, input="\n", capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    assert done.stdout.splitlines()[0] == f"make app in {ROOT}"
+    assert ("could not be started" in done.stdout) == bool(status)
+
+
 def test_its_image_is_there() -> None:
     images = re.findall(r"!\[[^\]]+\]\(([^)]+)\)", README)
     assert images

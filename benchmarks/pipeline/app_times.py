@@ -4,6 +4,7 @@
 
 The server is started as a process. Measured are: the page and its library of 2,000 shots; the first answer of a clip
 after its upload, in the process that runs it, against the answer of `trueroll run --quick`, both with an empty cache;
+the slowest of some questions, and of some moves of a slider, in the process that answers, once it has loaded its code;
 and the memory of 50 uploads at once. The clip is that of `run_cost`, 5 s long. CPU times depend less on the load of the
 machine than wall-clock times; on idle cores both are alike, because nothing here waits.
 """
@@ -19,7 +20,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from urllib.parse import SplitResult, urlsplit
@@ -31,8 +32,12 @@ from benchmarks.support.figures import Figure, add_quick_option, run_quick, stat
 
 SHOTS = 2000
 UPLOADS, UPLOAD_BYTES = 50, 20_000_000
-# s for the process that runs clips to load what any clip needs.
+# s for a process to load what it needs.
 WARM_UP_S = 600.0
+# Parts of the command lines of the process that runs clips, and of the one that answers questions.
+RUNNER, ANSWERER = "clip_runner", "answer_process"
+# Moves of a slider.
+MOVES = 10
 SCENE = {"scene": "billiards", "table": {"name": "pool-9ft"}, "clip": {"seconds": 3.0}}
 SUMMARY = {"balls": ["cue ball", "red 3"], "sentences": ["The cue ball hit red 3 first."], "trust": {"light": "green"}}
 
@@ -100,7 +105,7 @@ def measure_library(folder: Path) -> tuple[float, float, float]:
             ask(place, "GET", "")
             ask(place, "GET", "api/library")
             up = measure_cpu(server)
-            wait_until_warm(server)
+            wait_until_warm(server, RUNNER)
             before = measure_cpu(server)
             for _ in range(10):
                 ask(place, "GET", "api/library")
@@ -109,24 +114,24 @@ def measure_library(folder: Path) -> tuple[float, float, float]:
     return up, again, memory
 
 
-def wait_until_warm(server: psutil.Process) -> psutil.Process:
-    """Wait until the process that runs clips has loaded everything and does nothing more; return it."""
+def wait_until_warm(server: psutil.Process, name: str) -> psutil.Process:
+    """Wait until a process of the server has loaded everything and does nothing more; return it."""
     deadline = threading.Event()
     for _ in range(int(WARM_UP_S)):
-        workers = [one for one in server.children() if "clip_runner" in " ".join(one.cmdline())]
+        workers = [one for one in server.children() if name in " ".join(one.cmdline())]
         if workers:
             before = measure_cpu(workers[0])
             deadline.wait(3.0)
             if before > 1 and measure_cpu(workers[0]) - before < 0.02:
                 return workers[0]
         deadline.wait(1.0)
-    raise SystemExit("the process that runs clips does not get ready")
+    raise SystemExit(f"the process {name} does not get ready")
 
 
 def measure_first_answer(clip: Path, folder: Path) -> float:
     """Measure the CPU time, s, of the process that runs a clip, from the upload to the first contact on the page."""
     with serve(folder / "library", folder / "cache") as (server, place):
-        worker = wait_until_warm(server)
+        worker = wait_until_warm(server, RUNNER)
         before = measure_cpu(worker)
         connection = http.client.HTTPConnection(str(place.hostname), place.port)
         connection.request("GET", f"{place.path}api/events")
@@ -143,8 +148,8 @@ def measure_first_answer(clip: Path, folder: Path) -> float:
 
 def measure_run_answer(clip: Path, folder: Path) -> float:
     """Measure the CPU time, s, of the main process of `trueroll run --quick` until it prints its answer."""
-    command = [sys.executable, "-m", "trueroll", "run", str(clip), "--quick", "-o", str(folder / "run"), "--cache",
-               str(folder / "run cache")]  # fmt: skip
+    places = ["-o", str(folder / "runs" / "shot"), "--cache", str(folder / "run cache")]
+    command = [sys.executable, "-m", "trueroll", "run", str(clip), "--quick", *places]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
     assert process.stdout is not None
     process.stdout.readline()
@@ -154,11 +159,41 @@ def measure_run_answer(clip: Path, folder: Path) -> float:
     return spent
 
 
+def measure_answers(folder: Path) -> tuple[float, float]:
+    """Measure the CPU time, s, of the slowest question about a shot, and of the slowest path that a slider changes."""
+    with serve(folder / "runs", folder / "run cache") as (server, place):
+        (card,) = json.loads(ask(place, "GET", "api/library"))["shots"]
+        shot = f"api/shots/{card['id']}"
+        first, *others = (ball["id"] for ball in json.loads(ask(place, "GET", shot))["run"]["balls"])
+        process = wait_until_warm(server, ANSWERER)
+        questions = [{"question": "touch", "a": first, "b": other} for other in others]
+        moves = [{"speed_percent": k + 1, "is_quick": True} for k in range(MOVES)]
+        asked, moved = (
+            measure_requests(process, place, f"{shot}/{name}", bodies, wanted)
+            for name, bodies, wanted in (("ask", questions, "verdict"), ("what-if", moves, "paths"))
+        )
+    return max(asked), max(moved)
+
+
+def measure_requests(
+    process: psutil.Process, place: SplitResult, path: str, bodies: Sequence[object], wanted: str
+) -> list[float]:
+    """Measure the CPU time, s, that a process takes for each of some requests, whose answers have a key."""
+    times = []
+    for body in bodies:
+        before = measure_cpu(process)
+        answer = json.loads(ask(place, "POST", path, json.dumps(body).encode()))
+        times.append(measure_cpu(process) - before)
+        if wanted not in answer:
+            raise SystemExit(f"{path} {body}: {answer}")
+    return times
+
+
 def measure_uploads(folder: Path) -> float:
     """Measure by how much the memory of the server grows with many uploads at once, MiB."""
     clip = bytes(4) + b"ftypisom" + os.urandom(UPLOAD_BYTES)
     with serve(folder / "uploads", folder / "cache") as (server, place):
-        wait_until_warm(server)
+        wait_until_warm(server, RUNNER)
         before = server.memory_info().rss
         peak, is_over = [before], threading.Event()
 
@@ -188,6 +223,7 @@ def measure_figures(source: Path) -> list[Figure]:
         up, again, memory = measure_library(folder / "many")
         first = measure_first_answer(clip, folder)
         run = measure_run_answer(clip, folder)
+        question, move = measure_answers(folder)
         growth = measure_uploads(folder)
     return [
         state_cost(f"page up, with {SHOTS:,} shots", up, "s", 1),
@@ -195,6 +231,8 @@ def measure_figures(source: Path) -> list[Figure]:
         state_cost("memory of the server", memory, "MiB", 1, 1.25),
         state_cost("first contact on the page, after the upload", first, "s", 1),
         state_cost("answer of `trueroll run --quick`", run, "s", 1),
+        state_cost("slowest question", question, "s", 1),
+        state_cost("slowest path after a move of a slider", move, "s", MOVES),
         state_cost(f"memory that {UPLOADS} uploads of 20 MB at once take", growth, "MiB", 1),
     ]
 

@@ -183,6 +183,7 @@ def build_app(
         Route("/clips", handlers.take_clip, methods=["POST"]),
         Route("/paths", handlers.take_path, methods=["POST"]),
         Route("/jobs/{id}/preview", handlers.send_preview),
+        Route("/jobs/{id}/corners", handlers.place_corners, methods=["POST"]),
         Route("/jobs/{id}/{action}", handlers.change_job, methods=["POST"]),
         Route("/lan/code", handlers.start_pairing, methods=["POST"]),
         Route("/shots/{id}", handlers.delete, methods=["DELETE"]),
@@ -252,6 +253,7 @@ class LibraryHandlers:
         document = {
             "revision": self._library.revision,
             "shots": [card.describe() | ({"state": "running"} if card.id in busy else {}) for card in cards],
+            "former_names": self._library.read_former_names(),
             "jobs": jobs,
             "disk": self._library.measure_disk(),
             "local": is_local,
@@ -325,6 +327,12 @@ class LibraryHandlers:
         if request.path_params["action"] not in actions:
             raise HTTPException(404)
         job = await run_in_threadpool(actions[request.path_params["action"]], request.path_params["id"])
+        return JSONResponse({"job": job})
+
+    async def place_corners(self, request: Request) -> Response:
+        """Run a clip again with the corners of its table or court."""
+        document, job = await read_json_body(request), request.path_params["id"]
+        job = await run_in_threadpool(self._queue.place_corners, job, document.get("corners"), document.get("sport"))
         return JSONResponse({"job": job})
 
     async def start_pairing(self, request: Request) -> Response:

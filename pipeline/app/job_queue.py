@@ -15,9 +15,9 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -69,10 +69,16 @@ class Job:
     check: dict[str, Any] | None = None
     """How the clip is filmed: `level` (good, usable, bad) and `sentences`."""
     findings: tuple[str, ...] = ()
-    """First results in sentences."""
+    """First results in sentences; of a command, what it said beside its result."""
     preview_revision: int = 0
     """Counts the images of first results."""
+    frame_size: tuple[int, int] = (0, 0)
+    """Width and height of a frame of the clip, px; 0 before it was read."""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """Settings of the run by their names, which a person gave after it had failed."""
     error: str = ""
+    remedy: str = ""
+    """What a person could do about the error; see `ClipResult`."""
     ended: float = 0.0
     """s since 1970; 0 before the end."""
 
@@ -137,7 +143,7 @@ class JobQueue:
         own = {
             key: value
             for key, value in asdict(job).items()
-            if key not in ("clip", "arguments", "folder", "ended", "findings")
+            if key not in ("clip", "arguments", "folder", "ended", "findings", "frame_size", "settings")
         }
         action = job.arguments[0] if job.arguments else ""
         return {**own, "action": action, "found": list(job.findings), "preview": job.preview_revision > 0, "shot": shot}
@@ -197,10 +203,46 @@ class JobQueue:
         """Cancel a job that has not ended; raises Refusal."""
         return self._end(job, OPEN_STATES, "This has ended already.", state="cancelled", ended=time.time())
 
-    def retry(self, job: str) -> dict[str, Any]:
-        """Put a job that failed or was cancelled into the queue again; raises Refusal."""
-        return self._end(job, ("failed", "cancelled"), "This has not failed.", state="waiting", error="", ended=0.0,
-                         stage="", share=0.0)  # fmt: skip
+    def retry(self, job: str, settings: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """Put a job that failed or was cancelled into the queue again; raises Refusal.
+
+        Args:
+            job: Its id.
+            settings: New settings of its run, by their names; those that it has stay.
+        """
+        return self._end(job, ("failed", "cancelled"), "This has not failed.", state="waiting", error="", remedy="",
+                         ended=0.0, stage="", share=0.0, findings=(),
+                         settings={**self._find(job).settings, **(settings or {})})  # fmt: skip
+
+    def place_corners(self, job: str, corners: object, sport: object) -> dict[str, Any]:
+        """Run a clip again with the corners of its table or court.
+
+        Args:
+            job: Its id.
+            corners: Four pairs of numbers, shares of the width and the height of the picture.
+            sport: Name of the sport; None where the program may decide.
+
+        Returns:
+            The job as the page knows it.
+
+        Raises:
+            Refusal: The corners are no such numbers, or the job has not failed after its clip was read.
+        """
+        width, height = self._find(job).frame_size
+        try:
+            places = [(float(x) * width - 0.5, float(y) * height - 0.5) for x, y in corners]  # type: ignore[attr-defined]
+        except (TypeError, ValueError) as error:
+            raise Refusal(422, "corners are four pairs of numbers.") from error
+        if (
+            len(places) != 4
+            or not width
+            or not all(-width < x < 2 * width and -height < y < 2 * height for x, y in places)
+        ):
+            raise Refusal(422, "The four corners of the playing surface in the picture were expected.")
+        settings = {"corners": ",".join(f"{value:.1f}" for place in places for value in place)}
+        if isinstance(sport, str) and sport:
+            settings["sport"] = sport
+        return self.retry(job, settings)
 
     def dismiss(self, job: str) -> None:
         """Remove a job that has ended, with the uploaded clip if nothing came of it; raises Refusal."""
@@ -413,7 +455,8 @@ class JobQueue:
         def listen(message: dict[str, Any]) -> None:
             changes: dict[str, Any] = {}
             if "found" in message:
-                changes = {"findings": tuple(message["found"]), "preview_revision": _measure_change(image)}
+                changes = {"findings": tuple(message["found"]), "preview_revision": _measure_change(image),
+                           "frame_size": tuple(message["size"])}  # fmt: skip
             elif "shot" in message:
                 changes = {"stage": "shot {} of {}".format(*message["shot"]), "share": message["done"]}
             elif "stage" in message:
@@ -425,16 +468,22 @@ class JobQueue:
 
         assert self._process is not None
         row = self._process.run(
-            ClipJob(job.clip, job.name, str(folder), str(cache.root.absolute()), cache.mark, RUN_SETTINGS,
-                    preview=str(image), for_page=True), listen,
+            ClipJob(job.clip, job.name, str(folder), str(cache.root.absolute()), cache.mark,
+                    {**RUN_SETTINGS, **job.settings}, preview=str(image), for_page=True), listen,
         )  # fmt: skip
-        return row.sentence or "It failed." if row.status == "failed" else ""
+        if row.status == "failed":
+            self._update(job.id, ("running",), remedy=row.remedy)
+            return row.sentence or "It failed."
+        return ""
 
     def _run_command(self, job: Job) -> str:
         """Run a command; return why it failed, or nothing."""
-        status, _, error = run_trueroll(job.arguments, COMMAND_LIMIT_S, lambda: self._is_stopped(job.id))
+        status, _, said = run_trueroll(job.arguments, COMMAND_LIMIT_S, lambda: self._is_stopped(job.id))
         self._library.announce_changes()
-        return "" if status == 0 and self._has_card(job) else error or "The command wrote no result."
+        is_done = status == 0 and self._has_card(job)
+        error = "" if is_done else said[-1] if said else "The command wrote no result."
+        self._update(job.id, ("running",), findings=tuple(said if is_done else said[:-1]))
+        return error
 
     def _check_clips(self) -> None:
         """Check how clips are filmed, one after another, beside what runs."""
@@ -476,7 +525,8 @@ def _read_job(path: Path) -> Job | None:
     """Read a job; None where the file is damaged or has just gone."""
     with suppress(OSError, ValueError, TypeError, KeyError, RecursionError):
         document = json.loads(path.read_bytes())
-        job = Job(**{**document, "arguments": tuple(document["arguments"]), "findings": tuple(document["findings"])})
+        lists = {name: tuple(document[name]) for name in ("arguments", "findings", "frame_size") if name in document}
+        job = Job(**{**document, **lists})
         return job if job.id == path.stem and job.state in OPEN_STATES + ENDED_STATES else None
     return None
 
@@ -488,17 +538,19 @@ def _measure_change(image: Path) -> int:
     return 0
 
 
-def _parse_check(status: int | None, output: str, error: str) -> dict[str, Any]:
-    """Parse what `trueroll check --json` printed; a clip that it refuses is bad, and one that takes long is not."""
+def _parse_check(status: int | None, output: str, said: Sequence[str]) -> dict[str, Any]:
+    """Parse what `trueroll check --json` printed; a clip that it refuses is bad, and one that takes long unknown."""
+    if status is None:
+        return UNKNOWN_CHECK
     with suppress(ValueError, KeyError, TypeError):
         document = json.loads(output)
         return {"level": CHECK_LEVELS[document["verdict"]], "sentences": list(document["sentences"])}
-    return {"level": "" if status is None else "bad", "sentences": [error or "This clip could not be checked."]}
+    return {"level": "bad", "sentences": [*said[-1:]] or ["This clip could not be checked."]}
 
 
 def run_trueroll(
     arguments: Sequence[str], limit_s: float, is_stopped: Callable[[], bool], niceness: int = 0
-) -> tuple[int | None, str, str]:
+) -> tuple[int | None, str, list[str]]:
     """Run a command of trueroll in a process of its own, which ends with this function.
 
     Args:
@@ -508,7 +560,8 @@ def run_trueroll(
         niceness: How much the process gives way to others.
 
     Returns:
-        Its exit status, its output, and its last sentence on standard error; the status is None if it was stopped.
+        Its exit status, its output, and its sentences on standard error, of which the last says why it failed; the
+        status is None if it was stopped.
     """
     root = str(Path(__file__).resolve().parents[2])
     start = f"import sys; sys.path.insert(0, {root!r}); from pipeline.cli.main import main; main()"
@@ -534,6 +587,7 @@ def run_trueroll(
             process.wait()
         output.seek(0)
         errors.seek(0)
-        last = errors.read().decode("utf-8", "replace").strip().rpartition("\n")[2].removeprefix("trueroll: ")
+        lines = errors.read().decode("utf-8", "replace").splitlines()
+        said = [line.strip().removeprefix("trueroll: ") for line in lines if line.strip()]
         status = None if sentence else process.returncode
-        return status, output.read().decode("utf-8", "replace"), sentence or last
+        return status, output.read().decode("utf-8", "replace"), [*said, sentence] if sentence else said

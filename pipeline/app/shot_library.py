@@ -129,7 +129,7 @@ class ShotLibrary:
         self._lock = threading.RLock()
         self._folders = self._read_index()
         self._paths: dict[str, str] = {}
-        self._former_names: dict[str, str] = {}
+        self._names_file = self.own / "former-names.json"
         self._revision = int(time.time() * 10)  # grows also from one start to the next
         self.refresh()
 
@@ -167,9 +167,16 @@ class ShotLibrary:
         """Read which clip a run folder was made from; an empty path where that is not known."""
         return Path(str(_read_object(folder / SOURCE_FILE).get("path", "")))
 
-    def is_clip_used(self, clip: Path) -> bool:
-        """Whether a card, as of the last `refresh`, was made from this clip, whatever its folder is called now."""
-        return any(self.read_clip(self.root / place) == clip for place in list(self._paths.values()))
+    def is_clip_used(self, clip: Path, besides: Path | None = None) -> bool:
+        """Whether a card, as of the last `refresh`, was made from this clip, whatever its folder is called now.
+
+        Args:
+            clip: Path of the clip.
+            besides: Folder of a card that does not count, nor do those within it.
+        """
+        folders = [self.root / place for place in list(self._paths.values())]
+        others = [one for one in folders if besides is None or not one.is_relative_to(besides)]
+        return any(self.read_clip(one) == clip for one in others)
 
     def identify(self, folder: Path) -> str:
         """Return the id of a folder within the library."""
@@ -275,7 +282,8 @@ class ShotLibrary:
             Refusal: There is no such card, or the name cannot be used.
         """
         folder = self.find_folder(shot)
-        if name != self._former_names.get(shot):  # which may be one that only a command line gives
+        former = self.read_former_names()
+        if name != former.get(shot):  # which may be one that only a command line gives
             if len(name.encode(errors="replace")) > MAX_NAME_BYTES:
                 raise Refusal(422, "This name is too long; choose a shorter one.")
             if not name or clean_name(name) != name:
@@ -291,14 +299,20 @@ class ShotLibrary:
         for close in self.closing_listeners:
             close(shot)
         folder.rename(place)
-        self._former_names[self.identify(place)] = folder.name
+        new = self.identify(place)
+        former = {card: one for card, one in former.items() if card in self._paths and card != shot}
+        write_text(self._names_file, json.dumps(former | {new: folder.name}))
         self.announce_changes()
-        return self.identify(place), folder.name
+        return new, folder.name
+
+    def read_former_names(self) -> dict[str, str]:
+        """Read which name the folder of each card had before its last renaming, by the id of the card."""
+        return {card: name for card, name in _read_object(self._names_file).items() if isinstance(name, str)}
 
     # The trash: a folder per deletion, with the run folder, the uploaded clip, and where both belong.
 
     def delete(self, shot: str) -> str:
-        """Move a folder of the library to the trash, with its clip if that was uploaded.
+        """Move a folder of the library to the trash, with its clip if that was uploaded and no other card needs it.
 
         Args:
             shot: Id of its card.
@@ -313,7 +327,8 @@ class ShotLibrary:
         place = folder.relative_to(self.root).as_posix()
         clip = self.read_clip(folder)
         entry: dict[str, Any] = {"folder": place, "bytes": _measure_tree(folder)}
-        if clip.parent == self.clips and clip.is_file() and "first" not in _read_object(folder / SOURCE_FILE):
+        is_part = "first" in _read_object(folder / SOURCE_FILE)
+        if clip.parent == self.clips and clip.is_file() and not is_part and not self.is_clip_used(clip, folder):
             entry |= {"clip": clip.name, "bytes": entry["bytes"] + clip.stat().st_size}
         for close in self.closing_listeners:
             close(shot)

@@ -100,6 +100,8 @@ class ClipResult:
     """Number of attempts."""
     cached: bool = False
     """Whether all stages were cached."""
+    remedy: str = ""
+    """What a person could do about a failure, a name in `COMMAND_REMEDIES`; empty for nothing."""
 
     def to_json(self) -> str:
         """Format the result as one line of JSON."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
+from models.core.errors import TruerollError
 from models.numerics.jit import measure_compilation
 from pipeline.batch.clip_discovery import FilmLength, describe_room, estimate_bytes
 from pipeline.batch.clip_job import ClipJob, ClipResult, build_failed_result, format_duration
@@ -45,8 +46,8 @@ class ShotWatcher(RunWatcher, Protocol):
         """Pass on a sentence for the user."""
         ...
 
-    def write_results(self, sentences: Sequence[str]) -> None:
-        """Pass on first results, which are longer each time; the image of them may be new."""
+    def write_results(self, sentences: Sequence[str], size: tuple[int, int]) -> None:
+        """Pass on first results, which are longer each time; the image of them may be new. `size` is of a frame, px."""
         ...
 
 
@@ -78,7 +79,8 @@ def run_job(job: ClipJob, watcher: ShotWatcher) -> ClipResult:
         try:
             result = _run_clip_or_shots(job, watcher)
         except Exception as error:  # no error of one clip may stop the batch
-            result = build_failed_result(job.name, format_error(error, for_page=job.for_page))
+            remedy = error.remedy if isinstance(error, TruerollError) else ""
+            result = build_failed_result(job.name, format_error(error, for_page=job.for_page), remedy=remedy)
         return replace(result, compiling=round(measure(), 3))
 
 

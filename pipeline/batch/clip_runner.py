@@ -4,7 +4,7 @@
     {"stage": "detect", "share": 0.4}        progress of a stage
     {"shot": [3, 17], "done": 0.1}           the third of seventeen shots of a long recording begins, after a tenth
     {"note": "..."}                          a sentence for the user
-    {"found": ["..."]}                       first results in sentences, or a new image of them; see `first_results`
+    {"found": ["..."], "size": [1280, 720]}  first results in sentences, or a new image of them; see `first_results`
     {"row": "..."}                           the result of the clip
 
 It may be killed at any moment, by a limit or by a fault of a decoder, without harm to its parent. When its input ends,
@@ -67,9 +67,9 @@ class ProgressWriter:
         """Report a sentence for the user."""
         self.write_message(note=sentence)
 
-    def write_results(self, sentences: Sequence[str]) -> None:
-        """Report first results, which are longer each time; the image of them may be new."""
-        self.write_message(found=list(sentences))
+    def write_results(self, sentences: Sequence[str], size: tuple[int, int]) -> None:
+        """Report first results, which are longer each time; the image of them may be new. `size` is of a frame, px."""
+        self.write_message(found=list(sentences), size=size)
 
     def _write_share(self, stage: str, share: float) -> None:
         if time.monotonic() >= self._next:

@@ -26,7 +26,7 @@ from pipeline.reporting.text.shot_summary import MIN_PROBABILITY
 from pipeline.reporting.text.text_formatting import format_event, format_event_time
 from video.drawing.masks import SHIFT, draw_ring, to_fixed_point
 from video.drawing.palette import FLASH
-from video.io.clip import read_frames
+from video.io.clip import Clip, read_frames
 
 # Longest side of the image, px, and its quality: 100 kB.
 IMAGE_PX, JPEG_QUALITY = 960, 80
@@ -34,21 +34,23 @@ IMAGE_PX, JPEG_QUALITY = 960, 80
 MAX_EVENTS = 4
 # Of a ring around a ball, radii of the ball; radius of a ball or shuttle in flight, px.
 RING_SCALE, CANDIDATE_PX = 1.4, 8.0
-# Stages with something new to draw.
-DRAWN_STAGES = ("detect", "track", "candidates")
+# Stages with something new to draw; of the first one, a frame with nothing on it.
+DRAWN_STAGES = ("read", "detect", "track", "candidates")
 
 
 class FirstResults:
     """Follows a run and reports what is known so far."""
 
-    def __init__(self, image: Path, report: Callable[[Sequence[str]], object]) -> None:
+    def __init__(self, image: Path, report: Callable[[Sequence[str], tuple[int, int]], object]) -> None:
         """Start before the run.
 
         Args:
             image: JPEG file to write.
-            report: Called with all sentences so far, also when only the image is new.
+            report: Called with all sentences so far and width and height of a frame (px; 0 before it is known), also
+                when only the image is new.
         """
         self._image, self._report = image, report
+        self._size = 0, 0
         self._drawn: set[str] = set()
         self._sentences: tuple[str, ...] = ()
 
@@ -59,7 +61,7 @@ class FirstResults:
             self._drawn.update(newest)
             with suppress(OSError, ValueError, TruerollError):  # the run goes on without the image
                 self._draw(graph, entries, newest[-1])
-            self._report(self._sentences)
+            self._report(self._sentences, self._size)
         if not self._sentences and "explain" in entries:
             self._say(list_first_events(view_shot(graph.load("explain", entries))))
         elif not self._sentences and "rally" in entries:
@@ -73,15 +75,18 @@ class FirstResults:
     def _say(self, sentences: Sequence[str]) -> None:
         if self._sentences != tuple(sentences):
             self._sentences = tuple(sentences)
-            self._report(self._sentences)
+            self._report(self._sentences, self._size)
 
     def _draw(self, graph: StageGraph, entries: Mapping[str, CacheEntry], stage: str) -> None:
         """Draw the newest frame in which something is found, with rings around it and lines along the tracks so far."""
         clip, value = graph.load("read", entries), graph.load(stage, entries)
-        if not len(value.frame):
+        self._size = clip.width, clip.height
+        if isinstance(value, Clip):
+            frame, rings, radii, paths = clip.first_frame, np.zeros((0, 2)), np.zeros(0), []
+        elif len(value.frame):
+            frame, (rings, radii, paths) = int(value.frame[-1]), _list_marks(value)
+        else:
             return
-        frame = int(value.frame[-1])
-        rings, radii, paths = _list_marks(value)
         ((_, image),) = read_frames(clip, indices=np.array([frame]))
         drawn = image.copy()
         for path in paths:

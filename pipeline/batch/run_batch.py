@@ -115,6 +115,8 @@ def run_batch(batch: Batch, clips: Iterable[Path | None], runner: ClipRunner, fo
 
 # Columns that differ from run to run. The csv omits them, so that equal results are equal files.
 COST_COLUMNS = ("seconds", "compiling", "peak_mb", "tries", "cached")
+# Facts of results for the page, which no summary has: their sentences say the same.
+PAGE_FACTS = ("remedy",)
 
 
 def write_summary(rows: Iterable[ClipResult], out: Path, *, whole: bool = True) -> None:
@@ -135,7 +137,7 @@ def write_summary(rows: Iterable[ClipResult], out: Path, *, whole: bool = True) 
 
 def format_csv(rows: Sequence[ClipResult]) -> str:
     """Format one csv line per clip."""
-    names = [field.name for field in fields(ClipResult) if field.name not in COST_COLUMNS]
+    names = [field.name for field in fields(ClipResult) if field.name not in COST_COLUMNS + PAGE_FACTS]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(names)
@@ -146,7 +148,8 @@ def format_csv(rows: Sequence[ClipResult]) -> str:
 def build_table(rows: Sequence[ClipResult]) -> pa.Table:
     """Build a table with one row per clip, cost columns included."""
     kinds = {"str": pa.string(), "int": pa.int64(), "float": pa.float64(), "bool": pa.bool_()}
-    schema = pa.schema([(field.name, kinds.get(str(field.type), pa.string())) for field in fields(ClipResult)])
+    columns = [field for field in fields(ClipResult) if field.name not in PAGE_FACTS]
+    schema = pa.schema([(field.name, kinds.get(str(field.type), pa.string())) for field in columns])
     return pa.Table.from_pylist([{k: _clean_cell(v) for k, v in asdict(row).items()} for row in rows], schema=schema)
 
 

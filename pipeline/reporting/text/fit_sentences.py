@@ -16,7 +16,7 @@ from models.estimation.hand_marks.resolved_marks import update_ball_names
 from pipeline.reporting.text.text_formatting import format_law, start_sentence
 
 # Reason of a run without a fit of contact models.
-NOT_ASKED = "Whether one published contact model explains the whole shot was not tested; trueroll run --laws tests it."
+NOT_ASKED = "Contact models for the whole shot were not compared, so that side spin is not known."
 # Beginning of a note on what a person corrected.
 HAND_PREFIX = "set by hand: "
 

@@ -137,7 +137,11 @@ def name_folders(folders: Sequence[Path]) -> str:
 PAGE_OPTIONS = {"at": "The moment", "angle": "The direction", "side": "The side spin", "top": "The top spin",
                 "spread": "The player's spread", "on": "The ball on", "corners": "The corners of the table",
                 "edge": "The edge of the ball"}  # fmt: skip
-PAGE_REMEDIES = {"corners": "film it again with all four cushions in view", "balls": "film the table from higher up"}
+PAGE_REMEDIES = {
+    "corners": "film it with all four cushions in view, or mark its corners",
+    "court corners": "mark the corners of the court",
+    "balls": "film the table from higher up, or mark its corners",
+}
 
 
 def name_page_option(option: str) -> str:

@@ -16,7 +16,7 @@ from pipeline.reporting.text.text_formatting import PAGE_REMEDIES, format_error
         (OptionError("lies within the shot; got 9", option="at"), "--at lies within", "The moment lies within"),
         (OptionError("is one of pot, carom", option="game"), "--game is one of pot", "The game is one of pot"),
         (TableNotFound("a.mp4 shows no cloth", remedy="corners"), "; give the corners of the playing surface with --c",
-         "; film it again with all four cushions in view"),
+         "; film it with all four cushions in view, or mark its corners"),
         (TrackError(NO_BALLS, remedy="balls"), ", or give --corners and --ball-radius", ", or film the table from"),
         (OptionError("balls are small", remedy="radius"), "small; give --ball-radius in metres", "balls are small"),
         (TruerollError("nothing to name"), "nothing to name", "nothing to name"),

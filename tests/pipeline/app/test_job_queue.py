@@ -46,11 +46,11 @@ class FakeProcess:
         type(self).jobs.append(job)
         listener({"stage": "detect", "share": 0.5})
         Path(job.preview).write_bytes(b"jpeg")
-        listener({"found": ["0.5 s: The cue ball hits red 3."]})
+        listener({"found": ["0.5 s: The cue ball hits red 3."], "size": [1280, 720]})
         while not (self.hold.is_set() or self.closed.is_set()):
             time.sleep(0.01)
-        if self.closed.is_set() or "bad" in job.clip:
-            return build_failed_result(job.name, "no table was found")
+        if self.closed.is_set() or ("bad" in job.clip and "corners" not in job.settings):
+            return build_failed_result(job.name, "no table was found", remedy="corners")
         write_run(Path(job.folder))
         (Path(job.folder) / "source.json").write_text(json.dumps({"path": job.clip}))
         return replace(build_failed_result(job.name, ""), status="done", folder=job.folder)
@@ -62,7 +62,7 @@ def runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[type[FakeP
     FakeProcess.jobs, FakeProcess.hold = [], threading.Event()
     FakeProcess.hold.set()
     monkeypatch.setattr(supervision, "SupervisedProcess", FakeProcess)
-    monkeypatch.setattr(job_queue, "run_trueroll", lambda *rest: (0, '{"verdict": "go", "sentences": ["Go."]}', ""))
+    monkeypatch.setattr(job_queue, "run_trueroll", lambda *rest: (0, '{"verdict": "go", "sentences": ["Go."]}', []))
     monkeypatch.setattr(job_queue, "POLL_S", 0.02)
     monkeypatch.setenv("TRUEROLL_CACHE", str(tmp_path / "cache"))
     yield FakeProcess
@@ -241,17 +241,46 @@ def test_a_damaged_file_stops_nothing(text: str, tmp_path: Path) -> None:
 
 
 def test_a_command_of_the_program_runs_without_a_shell_and_can_be_stopped() -> None:
-    status, output, error = run_trueroll(("--version",), LONGEST_S, lambda: False)
+    status, output, said = run_trueroll(("--version",), LONGEST_S, lambda: False)
     assert status == 0
     assert output.startswith("trueroll ")
-    assert error == ""
-    status, _, error = run_trueroll(("call", "$(touch x); nowhere"), LONGEST_S, lambda: False)
-    assert (status, error != "") == (2, True)
+    assert said == []
+    status, _, said = run_trueroll(("call", "$(touch x); nowhere"), LONGEST_S, lambda: False)
+    assert (status, said != []) == (2, True)
     begins = time.monotonic()
-    assert run_trueroll(("--version",), LONGEST_S, lambda: True) == (None, "", "It was stopped.")
-    assert run_trueroll(("--version",), 0.0, lambda: False) == (None, "", "It took more than 0 minutes.")
+    assert run_trueroll(("--version",), LONGEST_S, lambda: True) == (None, "", ["It was stopped."])
+    assert run_trueroll(("--version",), 0.0, lambda: False) == (None, "", ["It took more than 0 minutes."])
     assert time.monotonic() - begins < LONGEST_S
     assert not os.path.exists("x")
+
+
+SQUARE = [[0, 0], [1, 0], [1, 1], [0, 1]]
+
+
+def test_a_clip_whose_table_is_not_found_runs_with_the_corners_that_a_person_marks(
+    tmp_path: Path, runs: type[FakeProcess]
+) -> None:
+    clip = write_clip(tmp_path, "bad.mp4")
+    with open_queue(tmp_path / "library") as queue:
+        job = queue.add_clip(clip)["id"]
+        wait_for(queue, job, state="failed", remedy="corners", preview=True)
+        for corners in (
+            None,
+            3,
+            [],
+            SQUARE[:3],
+            [["a", 0], *SQUARE[1:]],
+            [[float("nan"), 0], *SQUARE[1:]],
+            [[9, 0], *SQUARE[1:]],
+        ):
+            with pytest.raises(Refusal, match="corners"):
+                queue.place_corners(job, corners, "")
+        queue.place_corners(job, SQUARE, "tennis")
+        wait_for(queue, job, state="done", remedy="")
+        with pytest.raises(Refusal, match="has not failed"):
+            queue.place_corners(job, SQUARE, "")
+    settings = {"quick": True, "corners": "-0.5,-0.5,1279.5,-0.5,1279.5,719.5,-0.5,719.5", "sport": "tennis"}
+    assert [one.settings for one in runs.jobs] == [{"quick": True}, settings]
 
 
 def test_a_full_disk_delays_the_queue_and_is_told(
@@ -298,11 +327,13 @@ def test_a_check_that_was_not_finished_calls_no_clip_bad(
 ) -> None:
     begun = threading.Event()
 
-    def check(arguments: object, limit_s: float, is_stopped: Callable[[], bool], *_: object) -> tuple[None, str, str]:
+    def check(
+        arguments: object, limit_s: float, is_stopped: Callable[[], bool], *_: object
+    ) -> tuple[None, str, list[str]]:
         begun.set()
         while end != "timeout" and not is_stopped():
             time.sleep(0.01)
-        return None, "", "It was stopped." if end != "timeout" else "It took more than 5 minutes."
+        return None, "", ["It was stopped." if end != "timeout" else "It took more than 5 minutes."]
 
     monkeypatch.setattr(job_queue, "run_trueroll", check)
     runs.hold.clear()
@@ -310,12 +341,12 @@ def test_a_check_that_was_not_finished_calls_no_clip_bad(
         job = queue.add_clip(write_clip(tmp_path))["id"]
         assert begun.wait(LONGEST_S)
         if end == "timeout":
-            wait_for(queue, job, check={"level": "", "sentences": ["It took more than 5 minutes."]})
+            wait_for(queue, job, state="running", check={"level": "", "sentences": []})
         if end == "cancel":
             queue.cancel(job)
             wait_for(queue, job, check=None)
     (found,) = JobQueue(ShotLibrary(tmp_path / "library")).describe()
-    assert (found["check"] is None) == (end != "timeout")
+    assert found["check"] == ({"level": "", "sentences": []} if end == "timeout" else None)
 
 
 def test_a_cancelled_clip_keeps_nobody_waiting(
@@ -400,7 +431,8 @@ def test_past_jobs_are_looked_for_while_others_are_added(tmp_path: Path, monkeyp
 def test_a_command_that_fails_over_earlier_results_has_failed(
     status: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(job_queue, "run_trueroll", lambda *rest: (status, "", "It failed."))
+    said = ["Left out: a shot.", "It failed."]
+    monkeypatch.setattr(job_queue, "run_trueroll", lambda *rest: (status, "", said))
     root = tmp_path / "library"
     for name in ("earlier", "empty"):
         (root / "sessions" / name).mkdir(parents=True)
@@ -408,8 +440,8 @@ def test_a_command_that_fails_over_earlier_results_has_failed(
     with open_queue(root) as queue:
         earlier, empty = (queue.add_command("C", ["compare"], root / "sessions" / name)["id"]
                           for name in ("earlier", "empty"))  # fmt: skip
-        wait_for(queue, earlier, state="failed" if status else "done")
-        wait_for(queue, empty, state="failed", error="It failed.")
+        wait_for(queue, earlier, state="failed" if status else "done", found=said[:1] if status else said)
+        wait_for(queue, empty, state="failed", error="It failed.", found=said[:1])
         for job in (earlier, empty):
             queue.dismiss(job)
     assert [path.name for path in (root / "sessions").iterdir()] == ["earlier"]

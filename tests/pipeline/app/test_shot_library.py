@@ -164,6 +164,21 @@ def test_deleting_takes_the_uploaded_clip_along_and_can_be_undone(tmp_path: Path
         library.restore(undo)
 
 
+def test_a_clip_that_another_card_needs_stays_until_that_is_deleted_too(tmp_path: Path) -> None:
+    clip = tmp_path / "clips" / "mine.mp4"
+    clip.parent.mkdir()
+    clip.write_bytes(b"clip")
+    for name in ("first", "second"):
+        (write_run(tmp_path / name) / "source.json").write_text(json.dumps({"path": str(clip)}))
+    library = ShotLibrary(tmp_path)
+    library.delete(library.identify(tmp_path / "first"))
+    assert clip.read_bytes() == b"clip"
+    undo = library.delete(library.identify(tmp_path / "second"))
+    assert not clip.exists()
+    library.restore(undo)
+    assert clip.read_bytes() == b"clip"
+
+
 def test_restoring_overwrites_nothing_and_an_empty_trash_is_empty(tmp_path: Path) -> None:
     library = ShotLibrary(tmp_path)
     write_run(tmp_path / "one")
@@ -216,6 +231,8 @@ def test_a_name_is_refused_for_what_is_wrong_with_it_and_an_old_one_is_taken_bac
         library.rename(shot, "Ü" * 100)
     with pytest.raises(Refusal, match="none of"):
         library.rename(shot, "another: shot")
+    library = ShotLibrary(tmp_path)  # also after a restart
+    assert library.read_former_names() == {shot: before}
     assert library.rename(shot, before)[0] == library.identify(tmp_path / "a: shot")
 
 

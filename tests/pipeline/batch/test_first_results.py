@@ -22,8 +22,8 @@ def test_an_image_that_cannot_be_drawn_does_not_end_the_run(
 
     monkeypatch.setattr(StageGraph, "load", load)
     told: list[object] = []
-    results = FirstResults(tmp_path / "image.jpg", told.append)
+    results = FirstResults(tmp_path / "image.jpg", lambda *values: told.append(values))
     entries: dict[str, Any] = {"detect": None}
     results.follow(StageGraph.__new__(StageGraph), entries)
-    assert told == [()]
+    assert told == [((), (0, 0))]
     assert list(tmp_path.iterdir()) == []

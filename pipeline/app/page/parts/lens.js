@@ -1,16 +1,14 @@
 // A magnified part of the frame, beside the place that is pointed at.
 import { html, useEffect, useRef } from "../html.js";
-import { useStore } from "../store.js";
 
 const SIZE = 168;
 const TIMES = 4;
 
-export function Lens({ shot }) {
-  const { cross, dragged } = useStore(shot.desk);
-  const at = cross ?? dragged;
+/** Show the surroundings of a place, px, of the image with an id; nothing without a place. */
+export function Lens({ at, image: id }) {
   const canvas = useRef(null);
   useEffect(() => {
-    const image = document.getElementById("frame");
+    const image = document.getElementById(id);
     if (!at || !image?.naturalWidth) return;
     drawLens(canvas.current.getContext("2d"), image, at);
     const shown = image.clientWidth / image.naturalWidth;

@@ -41,10 +41,15 @@ export function Stage({ shot }) {
           key=${doc.video.file} />`
           : html`<p class="no-thumb">${text.stage.noPicture}</p>`}
         ${doc.run && html`<${StageOverlay} shot=${shot} showsFrames=${showsFrames} />`}
-        ${question?.point || tab === "correct" ? html`<${Lens} shot=${shot} />` : null}
+        ${question?.point || tab === "correct" ? html`<${ShotLens} shot=${shot} />` : null}
       </div>
     </div>
   </div>`;
+}
+
+function ShotLens({ shot }) {
+  const { cross, dragged } = useStore(shot.desk);
+  return html`<${Lens} at=${cross ?? dragged} image="frame" />`;
 }
 
 function SlowVideo({ shot }) {

@@ -24,6 +24,7 @@ export class ShotModel {
       picture: "slow", zoom: 1,
     });
     this.player = null;
+    this.asking = /** @type {AbortController | null} */ (null);
     this.timer = 0;
     this.isClosed = false;
     this.revision = library.get().revision;
@@ -154,15 +155,18 @@ export class ShotModel {
     }
   }
 
-  /** Ask an umpire's question. @param {{question: string, a?: string, b?: string}} question */
+  /** Ask an umpire's question; an answer to an earlier one must not follow. @param {{question: string, a?: string, b?: string}} question */
   async ask(question) {
+    this.asking?.abort();
+    const request = new AbortController();
+    this.asking = request;
     this.desk.set({ isAsking: true });
     try {
-      this.desk.set({ answer: { asked: question, ...await post(this.address("ask"), question) } });
+      this.desk.set({ answer: { asked: question, ...await post(this.address("ask"), question, request.signal) } });
     } catch (error) {
-      this.desk.set({ answer: { asked: question, error: error.message } });
+      if (error.name !== "AbortError") this.desk.set({ answer: { asked: question, error: error.message } });
     } finally {
-      this.desk.set({ isAsking: false });
+      if (this.asking === request) this.desk.set({ isAsking: false });
     }
   }
 

@@ -1,9 +1,10 @@
 // The clips that are uploaded, wait or run, and what is known of them so far.
-import { html } from "../html.js";
+import { html, useState } from "../html.js";
 import { actOnJob, library } from "../library_store.js";
 import { useStore } from "../store.js";
 import { text } from "../strings.js";
 import { routeToCard } from "./card_grid.js";
+import { CornersDialog } from "./corners_dialog.js";
 
 // Steps that people see, with the stages that each consists of.
 const STEPS = [
@@ -12,6 +13,8 @@ const STEPS = [
 ];
 const RUNNING = ["checking", "running"];
 const ENDED = ["done", "cancelled"];
+// Remedies of a failure that the corners of the table or court are, or help with.
+const NEED_CORNERS = ["corners", "court corners", "balls"];
 
 export function Queue({ jobs, waiting }) {
   const open = jobs.filter((job) => !ENDED.includes(job.state));
@@ -82,9 +85,15 @@ function StepLine({ job }) {
 
 function SmallJob({ job }) {
   const card = useCard(job);
+  const [isMarking, setIsMarking] = useState(false);
+  const notes = job.action ? job.found ?? [] : [];
   return html`<div class="job small-job ${job.state}">
-    <p class="job-name">${job.name}<span class="job-state">${job.error || card?.outcome || text.queue.states[job.state]}
-      </span></p>
+    <div class="job-name">${job.error?.startsWith(job.name) ? "" : job.name}<span class="job-state">${job.error || card?.outcome || text.queue.states[job.state]}</span>
+      ${notes.length > 0 && html`<details><summary>${text.queue.notes(notes.length)}</summary>
+        <ul>${notes.map((one) => html`<li key=${one}>${one}</li>`)}</ul></details>`}</div>
+    ${job.state === "failed" && job.preview && NEED_CORNERS.includes(job.remedy) && html`<button class="main"
+      onClick=${() => setIsMarking(true)}>${text.queue.corners}</button>`}
+    ${isMarking && html`<${CornersDialog} job=${job} onClose=${() => setIsMarking(false)} />`}
     ${job.state === "waiting" && html`<button onClick=${() => actOnJob(job.id, "cancel")}>${text.queue.cancel}</button>`}
     ${job.state === "failed" && html`<button onClick=${() => actOnJob(job.id, "retry")}>${text.queue.retry}</button>`}
     ${job.state === "failed" && html`<button class="plain" onClick=${() => actOnJob(job.id, "dismiss")}>${text.queue.forget}

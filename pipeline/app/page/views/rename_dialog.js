@@ -1,17 +1,21 @@
-// Give a shot another name.
+// Give a shot another name, or the one back that it had before.
 import { html, useEffect, useRef, useState } from "../html.js";
-import { renameShot } from "../library_store.js";
+import { library, renameShot } from "../library_store.js";
+import { useStore } from "../store.js";
 import { text } from "../strings.js";
 
 export function RenameDialog({ card, onClose }) {
   const [name, setName] = useState(card.folder);
   const [error, setError] = useState("");
+  const { former_names: formerNames } = useStore(library);
+  const former = formerNames?.[card.id];
   const dialog = useRef(null);
   const close = () => dialog.current?.close();
   useEffect(() => { dialog.current.showModal(); }, []);
+  const rename = (wanted) => renameShot(card.id, wanted).then(close, (one) => setError(one.message));
   const submit = (event) => {
     event.preventDefault();
-    renameShot(card.id, name.trim()).then(close, (one) => setError(one.message));
+    rename(name.trim());
   };
   return html`<dialog ref=${dialog} class="files" aria-labelledby="rename-title" onClose=${onClose}>
     <form class="dialog-body" onSubmit=${submit}>
@@ -21,6 +25,7 @@ export function RenameDialog({ card, onClose }) {
           onInput=${(event) => setName(event.target.value)} /></div>
       ${error && html`<p role="alert">${error}</p>`}
       <div class="row"><button class="main" disabled=${!name.trim() || name.trim() === card.folder}>${text.library.rename}</button>
+        ${former && html`<button type="button" onClick=${() => rename(former)}>${text.library.formerName(former)}</button>`}
         <button type="button" onClick=${close}>${text.app.cancel}</button></div>
     </form></dialog>`;
 }

@@ -22,6 +22,8 @@ import { TrustMark } from "./card_grid.js";
 
 const SHOT_TABS = { story: StoryTab, numbers: NumbersTab, play: PlayTab, placement: PlacementTab, correct: CorrectTab };
 const RALLY_TABS = { story: StoryTab, strokes: StrokesTab, numbers: NumbersTab };
+// Tabs beside which the plan shows what is tried; an answer is there only after a new question.
+const TRYING = ["play", "placement"];
 // Words for the levels of trust of a run.
 const TRUST_LEVELS = { green: "high", amber: "medium", red: "low" };
 
@@ -35,7 +37,8 @@ function chooseTabs({ kind, clip }) {
 export function ShotView({ id }) {
   const shot = useMemo(() => new ShotModel(id), [id]);
   const { doc, error } = useStore(shot.state);
-  const { tab } = useStore(shot.desk);
+  const { tab, bodies } = useStore(shot.desk);
+  const isTrying = TRYING.includes(tab);
   useEffect(() => { shot.load(); return () => shot.close(); }, [shot]);
   useEffect(() => { if (doc) document.title = text.shot.title(doc.name); }, [doc?.name]);
   useEffect(() => {
@@ -51,9 +54,9 @@ export function ShotView({ id }) {
     <${ShotHead} shot=${shot} doc=${doc} />
     <div class="watch"><${Stage} shot=${shot} /><${Timeline} shot=${shot} /></div>
     <div class="know">${tab === "correct" ? html`<${CorrectSide} shot=${shot} />` : html`
-      <${AnswerCard} shot=${shot} />
-      ${doc.plan && html`<${Plan} shot=${shot} />`}
-      <${AskForm} shot=${shot} />`}
+      ${(!isTrying || bodies.length > 0) && html`<${AnswerCard} key="answer" shot=${shot} />`}
+      ${doc.plan && html`<${Plan} key="plan" shot=${shot} />`}
+      ${!isTrying && html`<${AskForm} key="ask" shot=${shot} />`}`}
     </div>
     <${Tabs} shot=${shot} tabs=${chooseTabs(doc)} />
   </div>`;
