@@ -35,6 +35,7 @@ PARAMETERS: Mapping[str, str] = {
     "viscous_2": "viscous, second joint",
     "damping": "servo damping",
     "limit": "upper limit",
+    "fall": "loss of force with speed",
 }
 _FREE_FORMULAS: Mapping[str, str] = {
     "sliding_friction": "a = −μ g, against the motion",

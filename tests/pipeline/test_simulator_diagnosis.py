@@ -106,6 +106,40 @@ def test_a_wrong_coefficient_of_a_file_is_reported_and_is_no_missing_effect(tmp_
     assert fitted.sigma < 0.001
 
 
+SERVO = """<mujoco><compiler angle="radian"/><option timestep="0.002" integrator="implicitfast"/><worldbody>
+<body><joint name="hinge" type="hinge" axis="0 1 0" armature="0.02"/>
+<geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02" mass="0.3"/></body></worldbody>
+<actuator><position name="servo" joint="hinge" kp="40" kv="1" forcerange="-4 4"/></actuator></mujoco>"""
+
+
+def test_a_motor_that_loses_force_with_its_speed_is_told_from_friction_by_what_it_does_without_power(tmp_path: Path):
+    mujoco = pytest.importorskip("mujoco", reason="mujoco is an extra")
+    truth = mujoco.MjModel.from_xml_string(SERVO)
+    rng, lines, fastest = np.random.default_rng(4), ["shot,t,hinge,servo"], 3.0
+    for shot in range(8):
+        data, period, size = mujoco.MjData(truth), rng.uniform(0.4, 0.8), rng.uniform(0.4, 1.0)
+        for row in range(90):
+            has_power = row < 50
+            asked = size * (1 if row / 50 % period < period / 2 else -1)
+            told = f"{asked:.6f}" if has_power else ""
+            lines.append(f"{shot},{row / 50:.2f},{data.qpos[0] + 1e-3 * rng.standard_normal():.6f},{told}")
+            data.ctrl[0] = asked
+            if not has_power:
+                truth.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+            for _ in range(10):
+                data.qfrc_applied[0] = -4.0 * data.qvel[0] / fastest if has_power else 0.0
+                mujoco.mj_step(truth, data)
+        truth.opt.disableflags = 0
+    (tmp_path / "real.csv").write_text("\n".join(lines) + "\n")
+    (tmp_path / "servo.xml").write_text(SERVO)
+    report = diagnose_mechanism([tmp_path / "real.csv"], str(tmp_path / "servo.xml"))[0]
+    assert report.effects == ("actuator_gain",)
+    assert report.gap.closure.closed > 0.95
+    fitted = {one.name: one for one in report.fitted}
+    assert fitted["actuator_gain.fall"].value == pytest.approx(1 / fastest, rel=0.05)
+    assert fitted["actuator_gain.limit"].value == pytest.approx(1.0, rel=0.05)
+
+
 def test_a_report_states_how_much_of_a_long_log_was_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     (tmp_path / "swing_model.py").write_text(SWING)
     write_swings(tmp_path / "real.csv", 0.3, 3.0)

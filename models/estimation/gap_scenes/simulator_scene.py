@@ -51,6 +51,21 @@ _MOVING_SHARE = 0.1
 _REVERSAL_S = 0.1
 
 
+@dataclass(frozen=True, slots=True)
+class StrengthParameters:
+    """Where the parameters of a strength of an effect are among all P."""
+
+    effect: str
+    columns: IntArray
+    """(n,) parameter of each joint, input or body of the recordings; -1 where it has none."""
+    neutral: float
+    """Value of those that have none."""
+
+    def spread(self, shared: FloatArray) -> FloatArray:
+        """Spread the values (P,) of all parameters over the joints, inputs or bodies (n,) of the strength."""
+        return np.asarray(np.where(self.columns < 0, self.neutral, shared[self.columns]))
+
+
 @dataclass(frozen=True)
 class SimulatorScene:
     """A mechanism with a simulator from outside."""
@@ -84,28 +99,40 @@ class SimulatorScene:
         return not self.hidden
 
     @cached_property
-    def parameter_sites(self) -> tuple[tuple[str, int, int], ...]:
-        """Effect, first parameter, and number of parameters of each strength, in the order of the catalogue."""
-        sites, first = [], 0
-        for effect in self.effects:
-            split = MECHANISM_EFFECTS[effect.name].split_parameter
-            count = len({split(one.name)[0] for one in effect.parameters})
-            size = len(effect.parameters) // count
-            sites += [(effect.name, first + k * size, size) for k in range(count)]
-            first += len(effect.parameters)
-        return tuple(sites)
-
-    @cached_property
     def members(self) -> Mapping[str, IntArray]:
-        """By site: which parameters of an effect each joint (N,) or body of the recordings (B,) has; -1 for none."""
+        """By site: which parameters of a strength each joint (N,), input (I,) or body of the recordings (B,) has.
+
+        -1 where it has none.
+        """
         joints = self.simulator.joints
         groups, is_line = group_joints(joints)[1], np.array([not joint.body for joint in joints])
         return {
             "joint": groups,
             "line": np.where(is_line, np.cumsum(is_line) - 1, -1),
+            "actuator": np.arange(len(self.simulator.inputs)),
             "sensor": np.arange(len(self.observed)),
             "sensor_body": np.unique(groups[self.observed], return_inverse=True)[1],
+            "mechanism": np.zeros(1, np.int64),
         }
+
+    @cached_property
+    def strengths(self) -> tuple[StrengthParameters, ...]:
+        """All strengths of all effects, in the order of the catalogue."""
+        strengths, first = [], 0
+        for effect in self.effects:
+            own = MECHANISM_EFFECTS[effect.name]
+            names = [own.split_parameter(one.name) for one in effect.parameters]
+            for one in own.list_strengths(effect.name in self.simulator.own_effects):
+                members = self.members[own.site]
+                rows = [first + k for k, (name, _) in enumerate(names) if name == one.name]
+                if len(rows) <= members.max():  # some actuators have nothing of the kind
+                    at = [names[row - first][1] for row in rows]
+                    members = np.array([at.index(name) if name in at else -1 for name in self.simulator.inputs])
+                columns = np.where(members < 0, -1, np.array([*rows, -1])[members])
+                neutral = one.neutral(Scale("")) if own.site == "actuator" else 0.0
+                strengths.append(StrengthParameters(effect.name, columns, neutral))
+            first += len(names)
+        return tuple(strengths)
 
     @cached_property
     def trees(self) -> IntArray:
@@ -117,15 +144,16 @@ class SimulatorScene:
         """(P,) tree whose motion alone a parameter changes; -1 for several."""
         trees = np.full(len(self.neutral), -1)
         driven = np.array([drive.joint for drive in self.simulator.drives], np.int64)
-        for name, first, size in self.parameter_sites:
-            site = MECHANISM_EFFECTS[name].site
-            if site == "actuator" and len(driven) == size:
-                trees[first : first + size] = np.where(driven < 0, -1, self.trees[driven])
-            elif site in self.members:
-                joints = self.trees[self.observed] if site in ("sensor", "sensor_body") else self.trees
-                for one in range(size):
-                    own = np.unique(joints[self.members[site] == one])
-                    trees[first + one] = own[0] if len(own) == 1 else -1
+        by_site = {
+            **dict.fromkeys(("joint", "line"), self.trees),
+            **dict.fromkeys(("sensor", "sensor_body"), self.trees[self.observed]),
+            "actuator": np.where(driven < 0, -1, self.trees[driven]),
+        }
+        for one in self.strengths:
+            own = by_site.get(MECHANISM_EFFECTS[one.effect].site, np.zeros(0))
+            for column in np.unique(one.columns[one.columns >= 0]) if len(own) == len(one.columns) else ():
+                changed = np.unique(own[one.columns == column])
+                trees[column] = changed[0] if len(changed) == 1 else -1
         return trees
 
     @cached_property
@@ -246,23 +274,18 @@ class SimulatorScene:
         """Select the values of the effects that act: those that differ from neutral ones, and the simulator's own."""
         changed = {*self.simulator_effects, *(self.owners[k] for k in np.flatnonzero(shared != self.neutral))}
         values: dict[str, tuple[FloatArray, ...]] = {}
-        for name, first, size in self.parameter_sites:
-            if name in changed:
-                values[name] = (*values.get(name, ()), self._spread(name, shared[first : first + size]))
+        for one in self.strengths:
+            if one.effect in changed:
+                values[one.effect] = (*values.get(one.effect, ()), one.spread(shared))
         return values
-
-    def _spread(self, name: str, values: FloatArray) -> FloatArray:
-        """Spread the values of a parameter of an effect over all joints, or bodies of the recordings."""
-        members = self.members.get(MECHANISM_EFFECTS[name].site)
-        return values if members is None else np.where(members < 0, 0.0, values[members])
 
     def observe(self, states: FloatArray, shared: FloatArray) -> FloatArray:
         """Return what sensors measure (T, B, 1) of states (T, 2N)."""
         places = states[:, self.observed]
         sensor = {
-            name: self._spread(name, shared[first : first + size])
-            for name, first, size in self.parameter_sites
-            if MECHANISM_EFFECTS[name].kind == "observation"
+            one.effect: one.spread(shared)
+            for one in self.strengths
+            if MECHANISM_EFFECTS[one.effect].kind == "observation"
         }
         places = places * sensor.get("sensor_scale", 1.0) + sensor.get("sensor_offset", 0.0)
         return np.asarray(places[:, :, None])
@@ -408,8 +431,9 @@ def build_simulator_scene(
     """
     joints = [joint.name for joint in simulator.joints]
     observed = np.array([joints.index(name) for name in recordings[0].bodies], np.int64)
-    input_scales = _measure_input_scales(simulator, histories)
-    scales = _add_drives(simulator, _measure_joint_scales(simulator, recordings, observed), input_scales)
+    scales = _measure_joint_scales(simulator, recordings, observed)
+    input_scales = _measure_input_scales(simulator, histories, scales)
+    scales = _add_drives(simulator, scales, input_scales)
     names, groups = group_joints(simulator.joints)
     # the fastest coordinate stands for a free body
     bodies = [
@@ -503,8 +527,13 @@ def _add_drives(
 _SPEED_STEPS = 60
 
 
-def _measure_input_scales(simulator: OutsideSimulator, histories: Mapping[int, InputHistory]) -> dict[str, Scale]:
-    """Measure standard deviation and largest value of every input; nothing where all of them are always 0."""
+def _measure_input_scales(
+    simulator: OutsideSimulator, histories: Mapping[int, InputHistory], joint_scales: tuple[Scale, ...]
+) -> dict[str, Scale]:
+    """Measure standard deviation and largest value of every input, and the speed of its joint.
+
+    Nothing where all of them are always 0.
+    """
     scales, acts = {}, False
     for k, name in enumerate(simulator.inputs):
         joint = simulator.servo_joints[k]
@@ -515,7 +544,10 @@ def _measure_input_scales(simulator: OutsideSimulator, histories: Mapping[int, I
         spread = float(column.std()) if len(column) else 0.0
         unit = simulator.joints[joint].unit if joint >= 0 else "1"
         largest = most or 1.0
-        scales[name] = Scale(unit, spread if spread > _LEAST_SPREAD * most else largest, largest=largest)
+        position = spread if spread > _LEAST_SPREAD * most else largest
+        driven = simulator.drives[k].joint if simulator.drives else -1
+        joint_scale = joint_scales[driven] if driven >= 0 else Scale("")
+        scales[name] = Scale(unit, position, joint_scale.speed, largest, joint_unit=joint_scale.unit)
     return scales if acts else {}
 
 

@@ -33,13 +33,15 @@ class Scale:
     position: float = 1.0
     """Standard deviation."""
     speed: float = 1.0
-    """Root mean square, per s."""
+    """Root mean square, per s; of an input, that of its joint."""
     largest: float = 1.0
     """Largest size of a value, of an input."""
     inertia: float = 1.0
     """kg m2 or kg; 1 where a simulator takes accelerations instead of forces."""
     has_forces: bool = False
     """Whether a simulator takes forces (N or N m) rather than accelerations."""
+    joint_unit: str = ""
+    """rad or m, of the joint that an input acts on; its speed is `speed`."""
     drive: float = 0.0
     """Typical force of the actuators on the joint: where a strong one moves a light joint, friction may be as large."""
 

@@ -109,9 +109,6 @@ class MujocoSimulator:
         moving = np.flatnonzero((model.body_mass > 0) & (model.body_weldid != 0))
         self._last_body = int(moving[-1])
         self.last_mass = float(model.body_mass[self._last_body])
-        # whether an actuator damps its own speed, and has a largest force
-        self._has_damping = bool(np.any(model.actuator_biasprm[:, 2] != 0))
-        self._has_limit = bool(np.any(model.actuator_forcelimited))
         self.own_effects = self._list_own_effects()
         self.rest = self._find_rest()
 
@@ -190,11 +187,8 @@ class MujocoSimulator:
         elif name == "actuator_gain":
             model.actuator_gainprm[:] *= first[:, None]
             model.actuator_biasprm[:, :2] *= first[:, None]
-            others = iter(parts[1:])
-            if self._has_damping:
-                model.actuator_biasprm[:, 2] *= next(others)
-            if self._has_limit:
-                model.actuator_forcerange[:] *= next(others)[:, None]
+            model.actuator_biasprm[:, 2] *= parts[1]
+            model.actuator_forcerange[:] *= parts[2][:, None]
 
     def begin(
         self, starts: FloatArray, values: Sequence[EffectValues], powered: BoolArray, shots: IntArray, t: FloatArray
@@ -240,6 +234,10 @@ class MujocoSimulator:
             self._apply_effect(model, name, parts)
         self._mujoco.mj_setConst(model, self.data)
         model.actuator_gainprm[~powered], model.actuator_biasprm[~powered] = 0.0, 0.0
+        if "actuator_gain" in values:
+            _, _, limit, fall = values["actuator_gain"]
+            for k in np.flatnonzero(powered & (fall != 0)):
+                model.dof_damping[self.drives[k].joint] += fall[k] * limit[k] * self.drives[k].limit
         return model
 
     def _name(self, kind: str, number: int) -> str:
@@ -287,8 +285,9 @@ class MujocoSimulator:
         is_joint = model.actuator_trntype[actuator] == int(self._mujoco.mjtTrn.mjTRN_JOINT)
         joint = int(model.jnt_dofadr[model.actuator_trnid[actuator, 0]]) if is_joint else -1
         limited = bool(model.actuator_forcelimited[actuator])
-        limit = float(model.actuator_forcerange[actuator, 1]) if limited else float("inf")
-        return Drive(joint, float(model.actuator_gainprm[actuator, 0] * model.actuator_gear[actuator, 0]), limit)
+        gear = float(model.actuator_gear[actuator, 0])
+        limit = abs(gear) * float(model.actuator_forcerange[actuator, 1]) if limited else float("inf")
+        return Drive(joint, float(model.actuator_gainprm[actuator, 0]) * gear, limit)
 
     def _find_rest(self) -> FloatArray:
         """Find the state (2N,) that the file states."""
@@ -311,10 +310,12 @@ class MujocoSimulator:
             "payload": (0.0,),
         }
         if model.nu:
-            has_strength = (True, self._has_damping, self._has_limit)
-            own["actuator_gain"] = tuple(
-                1.0 if has_one else float("nan") for has_one in has_strength for _ in range(model.nu)
-            )
+            is_limited = model.actuator_forcelimited.astype(bool)
+            turns = np.array([one.joint >= 0 and bool(not self.joints[one.joint].body) for one in self.drives])
+            damps = model.actuator_biasprm[:, 2] != 0
+            has_strength = (np.ones(model.nu, bool), damps, is_limited, is_limited & turns)
+            stated = np.where(np.array(has_strength), np.array([[1.0], [1.0], [1.0], [0.0]]), np.nan)
+            own["actuator_gain"] = tuple(stated.ravel().tolist())
         return own
 
 

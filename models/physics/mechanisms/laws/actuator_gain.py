@@ -1,6 +1,7 @@
 """Actuator gain: an actuator does more, or less, than the simulator assumes.
 
-A servo also has a gain of its speed, and either may have another largest force.
+A servo also has a gain of its speed, and either may have another largest force. A motor loses force as it turns faster,
+in proportion to its speed, by the voltage that it generates itself: with power alone, and beyond any largest force.
 """
 
 from __future__ import annotations
@@ -14,12 +15,18 @@ _USUAL = 3.0
 EFFECT = MechanismEffect(
     name="actuator_gain",
     site="actuator",
-    strengths=tuple(
+    strengths=(
+        *(
+            MechanismStrength(
+                name, lambda scale: "1", lambda scale: _USUAL, lambda scale: 1.0, -1 / _USUAL, 7.0, name != "gain"
+            )
+            for name in ("gain", "damping", "limit")
+        ),
+        # a joint hardly moves faster than its motor without a load
         MechanismStrength(
-            name, lambda scale: "1", lambda scale: _USUAL, lambda scale: 1.0, -1 / _USUAL, 7.0, name != "gain"
-        )
-        for name in ("gain", "damping", "limit")
+            "fall", lambda scale: f"s/{scale.joint_unit}", lambda scale: 1 / scale.speed, upper=3.0, needs_simulator=True
+        ),
     ),
     partners=("saturation", "armature"),
-    reference="Force of the actuator over that of the simulator, of a servo's damping, and of its largest force",
+    reference="Force over that of the simulator, of a servo's damping, and of its largest force, which falls with speed",
 )

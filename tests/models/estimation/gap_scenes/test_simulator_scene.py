@@ -180,7 +180,7 @@ MOTOR = SERVO.replace('<position name="servo" joint="arm" kp="100" kv="2" forcer
     ("actuator", "strengths"),
     [
         ('<motor name="motor" joint="arm"/>', ["gain"]),
-        ('<motor name="motor" joint="arm" forcerange="-1 1"/>', ["gain", "limit"]),
+        ('<motor name="motor" joint="arm" forcerange="-1 1"/>', ["gain", "limit", "fall"]),
         ('<position name="servo" joint="arm" kp="100" kv="2"/>', ["gain", "damping"]),
     ],
 )
@@ -201,3 +201,58 @@ def test_strengths_that_change_nothing_of_the_actuators_of_a_file_are_left_out(a
     for name in strengths:
         changed = np.where(np.array(names) == f"actuator_gain.{name}", 0.25, stated(scene))
         assert np.abs(scene.predict_positions(shot, np.zeros(2), changed, ()) - before).max() > 1e-6
+
+
+SLIDERS = """<mujoco><option gravity="0 0 0"/><worldbody>
+<body><joint name="strong" type="slide" axis="1 0 0"/><geom size="0.1" mass="2" contype="0" conaffinity="0"/></body>
+<body><joint name="weak" type="slide" axis="0 1 0"/><geom size="0.1" mass="2" contype="0" conaffinity="0"/></body>
+</worldbody><actuator><motor name="strong" joint="strong"/>
+<motor name="weak" joint="weak" gear="2" forcerange="-3 3"/></actuator></mujoco>"""
+
+
+def build_slider_scene(power: FloatArray) -> tuple[SimulatorScene, Recording]:
+    """Build the scene of two sliders, of which one has a largest force of 6 N, with inputs (T,) for both."""
+    from pipeline.io.simulators.mujoco_simulator import MujocoSimulator
+
+    simulator = MujocoSimulator(mujoco.MjModel.from_xml_string(SLIDERS))
+    t = np.arange(len(power)) / 50
+    places = np.sin(t)[:, None, None] * np.ones((1, 2, 1))
+    reference = ReferenceFrame(("q",), "m", "joints")
+    sigma = np.full((len(t), 2), 1e-3)
+    shot = Recording(0, np.arange(len(t)), t, ("strong", "weak"), places, sigma, reference, True)
+    return build_simulator_scene(simulator, (shot,), {0: InputHistory(t, np.tile(power[:, None], 2))}), shot
+
+
+def change(scene: SimulatorScene, **strengths: float) -> FloatArray:
+    """Return what a file states, with other strengths of its actuators."""
+    values, names = stated(scene), [prior.name for prior in scene.priors]
+    for name, value in strengths.items():
+        values[names.index(name)] = value
+    return values
+
+
+def test_of_several_actuators_each_has_the_strengths_that_change_it():
+    scene, shot = build_slider_scene(np.full(60, 10.0))
+    effect = next(one for one in scene.effects if one.name == "actuator_gain")
+    assert [one.name for one in effect.parameters] == ["gain_strong", "gain_weak", "limit_weak", "fall_weak"]
+    assert effect.parameters[-1].unit == "s/m"
+    owned = [name == "actuator_gain" for name in scene.owners]
+    assert scene.parameter_trees[owned].tolist() == [0, 1, 1, 1]
+    ends = [
+        scene.predict_positions(shot, np.zeros(4), change(scene, **changed), ())[-1, :, 0]
+        for changed in ({}, {"gain_strong": 0.5}, {"limit_weak": 0.5})
+    ]
+    np.testing.assert_allclose(ends[1], ends[0] * [0.5, 1.0])
+    np.testing.assert_allclose(ends[2], ends[0] * [1.0, 0.5])
+
+
+def test_a_motor_loses_force_with_its_speed_while_it_has_power():
+    """Its largest force, 12 N, falls by a fifth per m/s: 2 kg approach 5 m/s, and keep their speed without power."""
+    t = np.arange(101) / 50
+    scene, shot = build_slider_scene(np.full(101, 100.0))
+    values = change(scene, limit_weak=2.0, fall_weak=0.2)
+    states = scene.simulate_states(shot, np.zeros(4), values)
+    np.testing.assert_allclose(states[:, 3], 5.0 * (1 - np.exp(-12.0 * 0.2 / 2.0 * t)), atol=0.01)
+    released = replace(scene, histories={0: InputHistory(t, np.full((101, 2), np.nan))})
+    states = released.simulate_states(shot, np.array([0.0, 0.0, 0.0, 3.0]), values)
+    np.testing.assert_allclose(states[:, 3], 3.0)
