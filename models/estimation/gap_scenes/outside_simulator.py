@@ -153,10 +153,11 @@ class Motions:
         h = (self.edges[k + 1] - self.edges[k])[:, None]
         s = ((t - self.edges[k]) / h[:, 0])[:, None]
         (q0, v0), (q1, v1) = (np.split(self.states[:, one], [count], axis=2) for one in (k, k + 1))
-        slope = (q1 - q0) / h
-        a, b = 3 * slope - 2 * v0 - v1, v0 + v1 - 2 * slope
-        q = q0 + h * s * (v0 + s * (a + s * b))
-        return np.concatenate([q, v0 + s * (2 * a + 3 * s * b)], axis=2)
+        with np.errstate(over="ignore", invalid="ignore"):  # of a run that diverges
+            slope = (q1 - q0) / h
+            a, b = 3 * slope - 2 * v0 - v1, v0 + v1 - 2 * slope
+            q = q0 + h * s * (v0 + s * (a + s * b))
+            return np.concatenate([q, v0 + s * (2 * a + 3 * s * b)], axis=2)
 
 
 # s for which a force that depends on the motion is held; a brake is exact for constant friction and inertia.

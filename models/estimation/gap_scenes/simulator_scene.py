@@ -47,6 +47,8 @@ _LEAST_POSITION, _LEAST_SPEED = 1e-3, 1e-3
 _HIDDEN_RATIO = 4.0
 # Share of the speed of the fastest joint from which another one moves.
 _MOVING_SHARE = 0.1
+# Ratio of an error to the typical motion from which a simulation has diverged: no force acts as strongly.
+_DIVERGED_RATIO = 1e6
 # s before and after a change of direction that belong to it.
 _REVERSAL_S = 0.1
 
@@ -266,6 +268,38 @@ class SimulatorScene:
         }
         places = places * sensor.get("sensor_scale", 1.0) + sensor.get("sensor_offset", 0.0)
         return np.asarray(places[:, :, None])
+
+
+def leave_out_failures(
+    scene: SimulatorScene, recordings: tuple[Recording, ...]
+) -> tuple[tuple[Recording, ...], int, int]:
+    """Leave out the windows that a simulator, as it is, cannot simulate from where they begin.
+
+    Args:
+        scene: Scene of the simulator.
+        recordings: One recording per shot.
+
+    Returns:
+        The recordings with nothing observed in these windows, without those that have no other; the number of these
+        windows, and that of all.
+    """
+    working, failed, total = [], 0, 0
+    bound = _DIVERGED_RATIO * max(scale.position for scale in scene.scales)
+    for one in recordings:
+        model = scene.build_model(scene.split_recording(one), ())
+        numbers, starts = range(len(model.windows)), [window.start for window in model.windows]
+        ahead = model.simulate_ahead(numbers, starts, [scene.neutral] * len(starts), False)
+        sizes = [
+            np.abs(ahead.simulate(k, start, scene.neutral).residual[:, 0]) * segment.sigma[segment.is_observed]
+            for k, start, segment in zip(numbers, starts, model.segments, strict=True)
+        ]
+        fails = [not (one < bound).all() for one in sizes]  # also where it is not a number
+        failed, total = failed + sum(fails), total + len(fails)
+        times = [segment.t for segment, is_lost in zip(model.segments, fails, strict=True) if is_lost]
+        if not all(fails):
+            is_lost = np.isin(one.t, np.concatenate([*times, []]))
+            working.append(replace(one, positions=np.where(is_lost[:, None, None], np.nan, one.positions)))
+    return tuple(working), failed, total
 
 
 def find_reversals(velocity: FloatArray, t: FloatArray) -> BoolArray:

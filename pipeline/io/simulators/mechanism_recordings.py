@@ -237,11 +237,11 @@ def _leave_out_far_turns(
             continue
         rest = [(joint, one) for joint, one in zip(joints, columns, strict=True) if joint.body != body]
         left = ", ".join(joint.name for joint in joints if joint.body == body)
-        place = f"{escape_text(table.path)}: a body turns by half a turn, where rotation vectors jump;"
+        reason = f"{escape_text(table.path)}: {left} go beyond half a turn, where rotation vectors jump"
         if not rest:
-            raise OptionError(f"{place} record {left} in shorter runs that begin near 0")
+            raise OptionError(f"{reason}; record shorter runs that begin near 0")
         joints, columns = tuple(joint for joint, _ in rest), [one for _, one in rest]
-        notes = [*notes, f"{place} not used: {left}"]
+        notes = [*notes, reason]
     return joints, columns, notes
 
 

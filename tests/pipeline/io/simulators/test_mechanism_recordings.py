@@ -356,7 +356,7 @@ def test_turns_beyond_half_a_turn_are_not_compared(tmp_path: Path, has_place: bo
         rows, names = [[row[0], *row[4:]] for row in rows], names[3:]
     real = write(tmp_path, ",".join(["t", *names]), rows)
     if not has_place:
-        with pytest.raises(OptionError, match=r"half a turn.*record disc.rx, disc.ry, disc.rz in shorter runs"):
+        with pytest.raises(OptionError, match=r"disc.rx, disc.ry, disc.rz go beyond half a turn.*record shorter runs"):
             read_mechanism_shots(real, str(tmp_path / "disc.xml"))
         return
     shots = read_mechanism_shots(real, str(tmp_path / "disc.xml"))
