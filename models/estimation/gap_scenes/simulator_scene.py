@@ -30,7 +30,7 @@ from models.estimation.gap_scenes.outside_simulator import (
 from models.estimation.multiple_shooting.shooting_windows import LinearizedWindow, SimulatedWindow, Window
 from models.physics.effect import Effect, Prior
 from models.physics.mechanisms.mechanism_catalogue import MECHANISM_EFFECTS
-from models.physics.mechanisms.mechanism_effect import Scale
+from models.physics.mechanisms.mechanism_effect import USUAL_SHARE, Scale
 
 # Rows from which the first state is estimated.
 _GUESS_ROWS = 12
@@ -458,9 +458,11 @@ def build_simulator_scene(
         "actuator": input_scales,
         "mechanism": {"": Scale("", inertia=simulator.last_mass)},
     }
+    has_small_inputs = _has_small_inputs(simulator, histories, input_scales)
     effects, present, absent = [], [], []
     for name, one in sorted(MECHANISM_EFFECTS.items(), key=lambda entry: (entry[1].kind == "probe", entry[0])):
-        if not by_site[one.site] or (one.needs_simulator and name not in simulator.own_effects):
+        is_hidden = one.needs_small_inputs and not has_small_inputs
+        if not by_site[one.site] or is_hidden or (one.needs_simulator and name not in simulator.own_effects):
             absent.append(name)
         else:
             effect = one.for_mechanism(by_site[one.site], name in simulator.own_effects)
@@ -551,6 +553,20 @@ def _measure_input_scales(simulator: OutsideSimulator, histories: Mapping[int, I
         largest = most or 1.0
         scales[name] = Scale(unit, spread if spread > _LEAST_SPREAD * most else largest, largest=largest)
     return scales if acts else {}
+
+
+def _has_small_inputs(
+    simulator: OutsideSimulator, histories: Mapping[int, InputHistory], input_scales: Mapping[str, Scale]
+) -> bool:
+    """Return whether a servo acts, or an input comes nearer to 0 than the usual width of a band about it."""
+    return any(
+        servo >= 0
+        or any(
+            (np.abs(one.values[:, k]) < USUAL_SHARE * input_scales[name].position).any() for one in histories.values()
+        )
+        for k, (name, servo) in enumerate(zip(simulator.inputs, simulator.servo_joints, strict=True))
+        if name in input_scales
+    )
 
 
 # Share of the largest value of an input from which it changes.

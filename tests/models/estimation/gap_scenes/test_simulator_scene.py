@@ -201,3 +201,18 @@ def test_strengths_that_change_nothing_of_the_actuators_of_a_file_are_left_out(a
     for name in strengths:
         changed = np.where(np.array(names) == f"actuator_gain.{name}", 0.25, stated(scene))
         assert np.abs(scene.predict_positions(shot, np.zeros(2), changed, ()) - before).max() > 1e-6
+
+
+@pytest.mark.parametrize(
+    ("actuator", "offset", "is_tested"), [("motor", 0.0, True), ("motor", 0.5, False), ("position", 0.5, True)]
+)
+def test_a_dead_band_is_tested_where_it_differs_from_an_offset(actuator: str, offset: float, is_tested: bool):
+    from pipeline.io.simulators.mujoco_simulator import MujocoSimulator
+
+    _, recording = build_scene(SWING.format(0, "one", 0.4), ("one",))
+    text = f"<worldbody>{SWING.format(0, 'one', 0.4)}</worldbody><actuator><{actuator} joint='one'/></actuator>"
+    simulator = MujocoSimulator(mujoco.MjModel.from_xml_string(f"<mujoco>{text}</mujoco>"))
+    given = offset + 0.2 * np.sin(9 * recording.t)[:, None]
+    scene = build_simulator_scene(simulator, (recording,), {0: InputHistory(recording.t, given)})
+    assert ("dead_band" in scene.not_tested) == (not is_tested)
+    assert ("dead_band" in [one.name for one in scene.effects]) == is_tested
