@@ -55,12 +55,11 @@ def diagnose_mechanism(
     shots = read_mechanism_shots(inputs, simulator)
     scene = build_simulator_scene(shots.simulator, shots.recordings, shots.histories)
     recordings, failed, total = leave_out_failures(scene, shots.recordings)
+    reason = shots.simulator.failure or "positions grow without bound"
+    fails = f"{simulator} fails in {failed} of {total} windows that begin as recorded: {reason}"
     if 2 * failed > total:
-        raise OptionError(
-            f"{simulator} cannot simulate {failed} of {total} windows from where they begin: positions grow without"
-            " bound, or it stops; shorten its time step, and check its units and the poses at which it begins"
-        )
-    lost = (f"the simulator fails in {failed} of {total} windows, which are left out",) if failed else ()
+        raise OptionError(f"{fails}; check its time step, its units and the poses at which it begins")
+    lost = (f"{fails}; they are left out",) if failed else ()
     report = diagnose(scene, recordings, seed, on_progress, executor)
     origins = shots.origins
     if len(inputs) == 1:  # without the name of the file, and none where the number of the shot says all

@@ -91,6 +91,10 @@ class OutsideSimulator(Protocol):
         """Whether `advance` takes forces and torques; accelerations otherwise."""
 
     @property
+    def failure(self) -> str:
+        """Why runs fail, as far as it says so; empty where it does not."""
+
+    @property
     def last_mass(self) -> float:
         """Mass of the last body that moves, kg."""
 

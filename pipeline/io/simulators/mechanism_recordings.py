@@ -31,7 +31,7 @@ from pipeline.io.simulators.column_names import (
     name_joints,
     separate_units,
 )
-from pipeline.io.simulators.function_simulator import FunctionSimulator, read_function, try_function
+from pipeline.io.simulators.function_simulator import read_function, try_function
 from pipeline.io.simulators.mujoco_simulator import read_mujoco_file
 from pipeline.io.simulators.recorded_simulator import RecordedSimulator
 from pipeline.io.simulators.ros_recording import is_ros_recording, read_ros_recording
@@ -109,9 +109,7 @@ def _read_shots(paths: Sequence[Path], simulator_name: str) -> MechanismShots:
     if place.suffix.lower() in (".xml", ".urdf"):
         file = read_mujoco_file(place)
         shots = _match_shots(tables, file)
-        poses = np.concatenate(_list_states(shots))[:, : len(file.joints)]
-        every = max(len(poses) // _MOST_POSES, 1)
-        return replace(shots, simulator=file.find_touching(poses[::every]))
+        return replace(shots, simulator=file.find_touching(_sample_poses(shots)))
     if place.is_file() or is_ros_recording(place):
         return _pair_with_simulation(tables, separate_units(_read_table(place), frozenset()))
     if ":" not in simulator_name:
@@ -123,41 +121,25 @@ def _read_shots(paths: Sequence[Path], simulator_name: str) -> MechanismShots:
     named = [one for one in name_joints(numbered) if NUMBERED_JOINT.fullmatch(one.name)]
     simulator = read_function(simulator_name, named)
     shots = _match_shots(tables, simulator)
-    return _keep_what_works(shots, simulator)
+    first = shots.recordings[0]
+    observed = [[joint.name for joint in simulator.joints].index(name) for name in first.bodies]
+    state = simulator.rest.copy()
+    state[observed] = np.nan_to_num(first.positions[0, :, 0])
+    try_function(simulator, state)
+    return shots
 
 
-def _keep_what_works(shots: MechanismShots, simulator: FunctionSimulator) -> MechanismShots:
-    """Keep the longest stretch of every recording in which a function works, and say where it fails."""
-    recordings, histories, states = shots.recordings, shots.histories, _list_states(shots)
-    given = [np.nan_to_num(histories[one.shot].values) for one in recordings]
-    failures, reason = try_function(simulator, np.concatenate(states), np.concatenate(given))
-    if not failures.any():
-        return shots
-    longest = []
-    parts = np.split(failures, np.cumsum([len(one.t) for one in recordings])[:-1])
-    for one, failed in zip(recordings, parts, strict=True):
-        borders = np.concatenate([[-1], np.flatnonzero(failed), [len(failed)]])
-        k = int(np.argmax(np.diff(borders)))
-        if borders[k + 1] - borders[k] > MIN_ROWS:
-            longest.append(one.select_rows(int(borders[k]) + 1, int(borders[k + 1])))
-    name = f"{simulator.module}:{simulator.function}"
-    if 2 * failures.sum() > len(failures) or not longest:
-        raise OptionError(f"{name} fails at {100 * failures.mean():.0f} % of the recorded states: {reason}; correct it")
-    note = f"{name} fails at {failures.sum()} of {len(failures)} recorded states, which are left out: {reason}"
-    return replace(shots, recordings=tuple(longest), notes=(*shots.notes, note))
-
-
-def _list_states(shots: MechanismShots) -> list[FloatArray]:
-    """List the states (T, 2N) of all recordings; a joint that is not observed is at the rest of the simulator."""
-    joints, rest, states = [joint.name for joint in shots.simulator.joints], shots.simulator.rest, []
+def _sample_poses(shots: MechanismShots) -> FloatArray:
+    """Sample recorded poses (K, N) of all joints; one that is not observed is as the file of the simulator states."""
+    joints, rest = [joint.name for joint in shots.simulator.joints], shots.simulator.rest[: len(shots.simulator.joints)]
+    every = max(sum(len(one.t) for one in shots.recordings) // _MOST_POSES, 1)
+    poses = []
     for one in shots.recordings:
-        observed, places = np.array([joints.index(name) for name in one.bodies]), one.positions[:, :, 0]
-        state = np.tile(rest, (len(places), 1))
-        state[:, observed] = places
-        if len(places) > 1:
-            state[:, len(joints) + observed] = np.gradient(places, one.t, axis=0)
-        states.append(np.where(np.isfinite(state), state, rest))
-    return states
+        places = one.positions[::every, :, 0]
+        pose = np.tile(rest, (len(places), 1))
+        pose[:, [joints.index(name) for name in one.bodies]] = places
+        poses.append(np.where(np.isfinite(pose), pose, rest))
+    return np.concatenate(poses)
 
 
 def _match_shots(tables: Sequence[TextTable], simulator: OutsideSimulator) -> MechanismShots:
