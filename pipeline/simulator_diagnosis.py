@@ -14,7 +14,7 @@ from models.core.errors import OptionError
 from models.core.number_format import format_unit, format_with_sigma
 from models.estimation.gap_scenes.billiards_scene import BilliardsScene, pair_with_simulator
 from models.estimation.gap_scenes.gap_scene import GapScene
-from models.estimation.gap_scenes.simulator_scene import SimulatorScene, build_simulator_scene
+from models.estimation.gap_scenes.simulator_scene import SimulatorScene, build_simulator_scene, leave_out_failures
 from models.numerics.executor import SERIAL, Executor
 from models.physics.mechanisms.mechanism_catalogue import MECHANISM_EFFECTS
 from pipeline.io.simulators.mechanism_recordings import MechanismShots, read_mechanism_shots
@@ -54,12 +54,24 @@ def diagnose_mechanism(
     """
     shots = read_mechanism_shots(inputs, simulator)
     scene = build_simulator_scene(shots.simulator, shots.recordings, shots.histories)
-    report = diagnose(scene, shots.recordings, seed, on_progress, executor)
+    recordings, failed, total = leave_out_failures(scene, shots.recordings)
+    reason = shots.simulator.failure or "positions grow without bound"
+    fails = f"{simulator} fails in {failed} of {total} windows that begin as recorded: {reason}"
+    if 2 * failed > total:
+        raise OptionError(f"{fails}; check its time step, its units and the poses at which it begins")
+    lost = (f"{fails}; they are left out",) if failed else ()
+    report = diagnose(scene, recordings, seed, on_progress, executor)
     origins = shots.origins
     if len(inputs) == 1:  # without the name of the file, and none where the number of the shot says all
         is_told_by_number = shots.run_count in (1, len(origins))
         origins = {} if is_told_by_number else {shot: name.partition(", ")[2] for shot, name in origins.items()}
-    notes = (*_describe_changes(scene, report), *describe_coefficients(scene, report), *report.notes, *shots.notes)
+    notes = (
+        *_describe_changes(scene, report),
+        *describe_coefficients(scene, report),
+        *report.notes,
+        *shots.notes,
+        *lost,
+    )
 
     def say(text: str) -> str:
         return name_runs(report.scene, text)

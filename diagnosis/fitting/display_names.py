@@ -86,7 +86,7 @@ PHASES: Mapping[str, str] = {
     "flight": "in flight",
     "swing": "in the swing",
     "slide": "while sliding",
-    "motion": "while joints go one way",
+    "motion": "while joints move, away from where they turn back",
     "reversal": "where joints turn back",
 }
 # Variables with which a gap grows, where the identifier is not a readable name.

@@ -91,6 +91,10 @@ class OutsideSimulator(Protocol):
         """Whether `advance` takes forces and torques; accelerations otherwise."""
 
     @property
+    def failure(self) -> str:
+        """Why runs fail, as far as it says so; empty where it does not."""
+
+    @property
     def last_mass(self) -> float:
         """Mass of the last body that moves, kg."""
 
@@ -153,10 +157,11 @@ class Motions:
         h = (self.edges[k + 1] - self.edges[k])[:, None]
         s = ((t - self.edges[k]) / h[:, 0])[:, None]
         (q0, v0), (q1, v1) = (np.split(self.states[:, one], [count], axis=2) for one in (k, k + 1))
-        slope = (q1 - q0) / h
-        a, b = 3 * slope - 2 * v0 - v1, v0 + v1 - 2 * slope
-        q = q0 + h * s * (v0 + s * (a + s * b))
-        return np.concatenate([q, v0 + s * (2 * a + 3 * s * b)], axis=2)
+        with np.errstate(over="ignore", invalid="ignore"):  # of a run that diverges
+            slope = (q1 - q0) / h
+            a, b = 3 * slope - 2 * v0 - v1, v0 + v1 - 2 * slope
+            q = q0 + h * s * (v0 + s * (a + s * b))
+            return np.concatenate([q, v0 + s * (2 * a + 3 * s * b)], axis=2)
 
 
 # s for which a force that depends on the motion is held; a brake is exact for constant friction and inertia.

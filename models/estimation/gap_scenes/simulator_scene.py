@@ -30,7 +30,7 @@ from models.estimation.gap_scenes.outside_simulator import (
 from models.estimation.multiple_shooting.shooting_windows import LinearizedWindow, SimulatedWindow, Window
 from models.physics.effect import Effect, Prior
 from models.physics.mechanisms.mechanism_catalogue import MECHANISM_EFFECTS
-from models.physics.mechanisms.mechanism_effect import Scale
+from models.physics.mechanisms.mechanism_effect import USUAL_SHARE, Scale
 
 # Rows from which the first state is estimated.
 _GUESS_ROWS = 12
@@ -47,6 +47,8 @@ _LEAST_POSITION, _LEAST_SPEED = 1e-3, 1e-3
 _HIDDEN_RATIO = 4.0
 # Share of the speed of the fastest joint from which another one moves.
 _MOVING_SHARE = 0.1
+# Ratio of an error to the typical motion from which a simulation has diverged: no force acts as strongly.
+_DIVERGED_RATIO = 1e6
 # s before and after a change of direction that belong to it.
 _REVERSAL_S = 0.1
 
@@ -291,6 +293,38 @@ class SimulatorScene:
         return np.asarray(places[:, :, None])
 
 
+def leave_out_failures(
+    scene: SimulatorScene, recordings: tuple[Recording, ...]
+) -> tuple[tuple[Recording, ...], int, int]:
+    """Leave out the windows that a simulator, as it is, cannot simulate from where they begin.
+
+    Args:
+        scene: Scene of the simulator.
+        recordings: One recording per shot.
+
+    Returns:
+        The recordings with nothing observed in these windows, without those that have no other; the number of these
+        windows, and that of all.
+    """
+    working, failed, total = [], 0, 0
+    bound = _DIVERGED_RATIO * max(scale.position for scale in scene.scales)
+    for one in recordings:
+        model = scene.build_model(scene.split_recording(one), ())
+        numbers, starts = range(len(model.windows)), [window.start for window in model.windows]
+        ahead = model.simulate_ahead(numbers, starts, [scene.neutral] * len(starts), False)
+        sizes = [
+            np.abs(ahead.simulate(k, start, scene.neutral).residual[:, 0]) * segment.sigma[segment.is_observed]
+            for k, start, segment in zip(numbers, starts, model.segments, strict=True)
+        ]
+        fails = [not (one < bound).all() for one in sizes]  # also where it is not a number
+        failed, total = failed + sum(fails), total + len(fails)
+        times = [segment.t for segment, is_lost in zip(model.segments, fails, strict=True) if is_lost]
+        if not all(fails):
+            is_lost = np.isin(one.t, np.concatenate([*times, []]))
+            working.append(replace(one, positions=np.where(is_lost[:, None, None], np.nan, one.positions)))
+    return tuple(working), failed, total
+
+
 def find_reversals(velocity: FloatArray, t: FloatArray) -> BoolArray:
     """Return whether joints with velocities (T, N) at times t (T,) s turn back, or do so soon or just did, (T, N)."""
     turns = (np.sign(velocity[1:]) * np.sign(velocity[:-1]) < 0).astype(np.float64)
@@ -448,9 +482,11 @@ def build_simulator_scene(
         "actuator": input_scales,
         "mechanism": {"": Scale("", inertia=simulator.last_mass)},
     }
+    has_small_inputs = _has_small_inputs(simulator, histories, input_scales)
     effects, present, absent = [], [], []
     for name, one in sorted(MECHANISM_EFFECTS.items(), key=lambda entry: (entry[1].kind == "probe", entry[0])):
-        if not by_site[one.site] or (one.needs_simulator and name not in simulator.own_effects):
+        is_hidden = one.needs_small_inputs and not has_small_inputs
+        if not by_site[one.site] or is_hidden or (one.needs_simulator and name not in simulator.own_effects):
             absent.append(name)
         else:
             effect = one.for_mechanism(by_site[one.site], name in simulator.own_effects)
@@ -549,6 +585,20 @@ def _measure_input_scales(
         joint_scale = joint_scales[driven] if driven >= 0 else Scale("")
         scales[name] = Scale(unit, position, joint_scale.speed, largest, joint_unit=joint_scale.unit)
     return scales if acts else {}
+
+
+def _has_small_inputs(
+    simulator: OutsideSimulator, histories: Mapping[int, InputHistory], input_scales: Mapping[str, Scale]
+) -> bool:
+    """Return whether a servo acts, or an input comes nearer to 0 than the usual width of a band about it."""
+    return any(
+        servo >= 0
+        or any(
+            (np.abs(one.values[:, k]) < USUAL_SHARE * input_scales[name].position).any() for one in histories.values()
+        )
+        for k, (name, servo) in enumerate(zip(simulator.inputs, simulator.servo_joints, strict=True))
+        if name in input_scales
+    )
 
 
 # Share of the largest value of an input from which it changes.

@@ -101,6 +101,8 @@ class MechanismEffect:
     """Force on each joint."""
     needs_simulator: bool = False
     """Whether only a simulator that has the quantity itself can apply it."""
+    needs_small_inputs: bool = False
+    """Whether an input that is never near 0 does not tell it from an offset of the input."""
 
     def list_strengths(self, is_own: bool) -> tuple[MechanismStrength, ...]:
         """List the parameters, also those that only a simulator has that has the effect itself (`is_own`)."""

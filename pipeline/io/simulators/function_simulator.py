@@ -9,7 +9,7 @@ from __future__ import annotations
 import pkgutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import redirect_stdout, suppress
+from contextlib import redirect_stdout
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -80,31 +80,17 @@ def _format_reason(error: BaseException) -> str:
     return f"{type(error).__name__}: {' '.join(str(error).split())}"[:200]
 
 
-def try_function(simulator: FunctionSimulator, states: FloatArray, inputs: FloatArray) -> tuple[BoolArray, str]:
-    """Try a step of a function from states (K, 2N) under inputs (K, I).
-
-    Returns:
-        Whether each step (K,) fails, and why the first of them does.
-
-    Raises:
-        OptionError: All of them fail.
-    """
-    reasons = dict[int, str]()
-    with redirect_stdout(sys.stderr):  # what a function prints is no result
-        for k, (state, given) in enumerate(zip(states, inputs, strict=True)):
-            try:
-                after = simulator.step(state, given, np.zeros(len(state) // 2))
-                if not np.isfinite(after).all():
-                    raise ValueError(f"from {state} it went to {after}")
-            except (Exception, SystemExit) as error:  # a user's function may raise anything
-                reasons[k] = _format_reason(error)
-    first = next(iter(reasons.values()), "")
-    if len(reasons) == len(states):
-        expected = f"(state of {states.shape[1]} numbers, {inputs.shape[1]} inputs, dt) -> state"
-        raise OptionError(f"{simulator.module}:{simulator.function} was called as {expected}; it failed: {first}")
-    failures = np.zeros(len(states), bool)
-    failures[list(reasons)] = True
-    return failures, first
+def try_function(simulator: FunctionSimulator, state: FloatArray) -> None:
+    """Raise an OptionError where a function cannot go one step from a state (2N,)."""
+    inputs = len(simulator.inputs)
+    try:
+        after = simulator.step(state, np.zeros(inputs), np.zeros(len(state) // 2))
+        if not np.isfinite(after).all():
+            raise ValueError(f"from {state} it went to {after}")
+    except (Exception, SystemExit) as error:  # a user's function may raise anything
+        expected = f"(state of {len(state)} numbers, {inputs} inputs, dt) -> state"
+        name = f"{simulator.module}:{simulator.function}"
+        raise OptionError(f"{name} was called as {expected}; it failed: {_format_reason(error)}") from error
 
 
 class FunctionSimulator:
@@ -122,6 +108,7 @@ class FunctionSimulator:
         self.joints, self.inputs, self.time_step = joints, inputs, time_step
         self.servo_joints = (-1,) * len(inputs)
         self.rest = np.zeros(2 * len(joints))
+        self.failure = ""
         self._call = pkgutil.resolve_name(f"{module}:{function}")
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
@@ -156,12 +143,14 @@ class FunctionRuns:
         paths = np.full((*inputs.shape[:2], self._states.shape[1]), np.nan)
         with redirect_stdout(sys.stderr):  # what a function prints is no result
             for state, given, push, path in zip(self._states, inputs, force, paths, strict=True):
-                with suppress(Exception, SystemExit):  # what a function cannot simulate is lost
+                try:
                     for k, now in enumerate(given):
                         before = path[k - 1] if k else state
                         if not np.isfinite(before).all():
                             break
                         path[k] = self._simulator.step(before, now, push)
+                except (Exception, SystemExit) as error:  # what a function cannot simulate is lost
+                    self._simulator.failure = _format_reason(error)
         self._states = paths[:, -1]
         return paths
 

@@ -7,7 +7,6 @@ the joint that it alone drives. Inputs hold from row to row; an empty cell means
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,28 +21,26 @@ from models.core.typing import FloatArray
 from models.estimation.gap_scenes.mechanism_inputs import InputHistory
 from models.estimation.gap_scenes.outside_simulator import Joint, OutsideSimulator
 from pipeline.io.long_recordings import cut_long_recordings, describe_times
-from pipeline.io.simulators.function_simulator import FunctionSimulator, read_function, try_function
+from pipeline.io.simulators.column_names import (
+    NUMBERED_INPUT,
+    NUMBERED_JOINT,
+    OTHER_COLUMNS,
+    WITH_UNIT,
+    find_input_columns,
+    find_joint_columns,
+    name_joints,
+    separate_units,
+)
+from pipeline.io.simulators.function_simulator import read_function, try_function
 from pipeline.io.simulators.mujoco_simulator import read_mujoco_file
 from pipeline.io.simulators.recorded_simulator import RecordedSimulator
 from pipeline.io.simulators.ros_recording import is_ros_recording, read_ros_recording
-from pipeline.io.text_table import ALIASES, UNITS, TextTable, name_columns, read_text_table
+from pipeline.io.text_table import ALIASES, TextTable, name_columns, read_text_table
 from pipeline.io.track_conventions import ANGLE_UNITS, LENGTH_UNITS, MAX_NUMBER, TIME_UNITS
 from pipeline.reporting.text.text_formatting import escape_text
 
 # Standard deviation of positions without a stated one, rad or m; the diagnosis estimates it.
 _USUAL_SIGMA = 1e-3
-# Names of numbered columns, where a file does not use those of the simulator.
-_NUMBERED_JOINT = re.compile(r"(q|qpos|pos|position|joint|angle|theta|measured)_?\d*")
-_NUMBERED_INPUT = re.compile(r"(u|ctrl|control|command|cmd|input|action|asked|torque|target)_?\d*")
-# Words of columns of positions, and of inputs, beside the name of their joint or actuator; words of actuators.
-_JOINT_WORDS = frozenset(("joint", "jnt", "pos", "position", "angle", "q", "actual", "measured"))
-_INPUT_WORDS = ("command", "ctrl", "cmd", "input", "target", "torque", "desired", "setpoint", "goal", "ref")
-_EVERY_WORD = _JOINT_WORDS | {*_INPUT_WORDS, "servo", "motor", "actuator", "act"}
-# Ending of the force or torque that a robot measures at a joint.
-_EFFORT = "_effort"
-_WITH_UNIT = re.compile(r"(.+?)_*(?:[\[(]([^\[\]()]+)[\])]|_(deg|rad|m|cm|mm))")
-# Columns that are neither joints nor inputs.
-_OTHER_COLUMNS = {"t", "time", "shot", "frame", "kind", "id", "sigma", "observed"}
 # Recorded poses in which bodies are tested for contact: a second of a fast robot.
 _MOST_POSES = 500
 # Share of a turn by which a recorded angle jumps where a sensor begins anew: no joint turns as far between two rows.
@@ -112,55 +109,37 @@ def _read_shots(paths: Sequence[Path], simulator_name: str) -> MechanismShots:
     if place.suffix.lower() in (".xml", ".urdf"):
         file = read_mujoco_file(place)
         shots = _match_shots(tables, file)
-        poses = np.concatenate(_list_states(shots))[:, : len(file.joints)]
-        every = max(len(poses) // _MOST_POSES, 1)
-        return replace(shots, simulator=file.find_touching(poses[::every]))
+        return replace(shots, simulator=file.find_touching(_sample_poses(shots)))
     if place.is_file() or is_ros_recording(place):
-        return _pair_with_simulation(tables, _separate_units(_read_table(place), frozenset()))
+        return _pair_with_simulation(tables, separate_units(_read_table(place), frozenset()))
     if ":" not in simulator_name:
         raise OptionError(
             "--simulator takes FILE.xml of MuJoCo, MODULE:FUNCTION of Python, or a table of simulated positions; got"
             f" {escape_text(simulator_name)}"
         )
-    numbered = _separate_units(tables[0], frozenset())
-    named = [one for one in _name_joints(numbered) if _NUMBERED_JOINT.fullmatch(one.name)]
+    numbered = separate_units(tables[0], frozenset())
+    named = [one for one in name_joints(numbered) if NUMBERED_JOINT.fullmatch(one.name)]
     simulator = read_function(simulator_name, named)
     shots = _match_shots(tables, simulator)
-    return _keep_what_works(shots, simulator)
+    first = shots.recordings[0]
+    observed = [[joint.name for joint in simulator.joints].index(name) for name in first.bodies]
+    state = simulator.rest.copy()
+    state[observed] = np.nan_to_num(first.positions[0, :, 0])
+    try_function(simulator, state)
+    return shots
 
 
-def _keep_what_works(shots: MechanismShots, simulator: FunctionSimulator) -> MechanismShots:
-    """Keep the longest stretch of every recording in which a function works, and say where it fails."""
-    recordings, histories, states = shots.recordings, shots.histories, _list_states(shots)
-    given = [np.nan_to_num(histories[one.shot].values) for one in recordings]
-    failures, reason = try_function(simulator, np.concatenate(states), np.concatenate(given))
-    if not failures.any():
-        return shots
-    longest = []
-    parts = np.split(failures, np.cumsum([len(one.t) for one in recordings])[:-1])
-    for one, failed in zip(recordings, parts, strict=True):
-        borders = np.concatenate([[-1], np.flatnonzero(failed), [len(failed)]])
-        k = int(np.argmax(np.diff(borders)))
-        if borders[k + 1] - borders[k] > MIN_ROWS:
-            longest.append(one.select_rows(int(borders[k]) + 1, int(borders[k + 1])))
-    name = f"{simulator.module}:{simulator.function}"
-    if 2 * failures.sum() > len(failures) or not longest:
-        raise OptionError(f"{name} fails at {100 * failures.mean():.0f} % of the recorded states: {reason}; correct it")
-    note = f"{name} fails at {failures.sum()} of {len(failures)} recorded states, which are left out: {reason}"
-    return replace(shots, recordings=tuple(longest), notes=(*shots.notes, note))
-
-
-def _list_states(shots: MechanismShots) -> list[FloatArray]:
-    """List the states (T, 2N) of all recordings; a joint that is not observed is at the rest of the simulator."""
-    joints, rest, states = [joint.name for joint in shots.simulator.joints], shots.simulator.rest, []
+def _sample_poses(shots: MechanismShots) -> FloatArray:
+    """Sample recorded poses (K, N) of all joints; one that is not observed is as the file of the simulator states."""
+    joints, rest = [joint.name for joint in shots.simulator.joints], shots.simulator.rest[: len(shots.simulator.joints)]
+    every = max(sum(len(one.t) for one in shots.recordings) // _MOST_POSES, 1)
+    poses = []
     for one in shots.recordings:
-        observed, places = np.array([joints.index(name) for name in one.bodies]), one.positions[:, :, 0]
-        state = np.tile(rest, (len(places), 1))
-        state[:, observed] = places
-        if len(places) > 1:
-            state[:, len(joints) + observed] = np.gradient(places, one.t, axis=0)
-        states.append(np.where(np.isfinite(state), state, rest))
-    return states
+        places = one.positions[::every, :, 0]
+        pose = np.tile(rest, (len(places), 1))
+        pose[:, [joints.index(name) for name in one.bodies]] = places
+        poses.append(np.where(np.isfinite(pose), pose, rest))
+    return np.concatenate(poses)
 
 
 def _match_shots(tables: Sequence[TextTable], simulator: OutsideSimulator) -> MechanismShots:
@@ -169,11 +148,11 @@ def _match_shots(tables: Sequence[TextTable], simulator: OutsideSimulator) -> Me
     histories, origins, notes = {}, {}, []
     familiar = frozenset(name.lower() for name in (*(joint.name for joint in simulator.joints), *simulator.inputs))
     for raw in tables:
-        table = _separate_units(raw, familiar)
+        table = separate_units(raw, familiar)
         _require_numbers(table, familiar)
-        joints, columns, assumed = _leave_out_far_turns(table, *_find_joint_columns(table, simulator))
-        inputs, more = _find_input_columns(table, simulator, columns)
-        unused = [name for name in table.columns if name not in {*columns, *inputs, *_OTHER_COLUMNS}]
+        joints, columns, assumed = _leave_out_far_turns(table, *find_joint_columns(table, simulator))
+        inputs, more = find_input_columns(table, simulator, columns)
+        unused = [name for name in table.columns if name not in {*columns, *inputs, *OTHER_COLUMNS}]
         jumping = set[str]()
         left = [f"{escape_text(table.path)}: not used: {', '.join(unused)}"] if unused else []
         notes += [*table.notes, *assumed, *more, *left, *_doubt_radians(table, joints, columns)]
@@ -200,9 +179,9 @@ def _match_shots(tables: Sequence[TextTable], simulator: OutsideSimulator) -> Me
 def _require_numbers(table: TextTable, familiar: frozenset[str]) -> None:
     """Raise an OptionError where a column of text was left out that a joint or an input is called like."""
     for name in table.texts:
-        match = _WITH_UNIT.fullmatch(name)
+        match = WITH_UNIT.fullmatch(name)
         plain = match[1] if match else name
-        if {name, plain} & familiar or _NUMBERED_JOINT.fullmatch(plain) or _NUMBERED_INPUT.fullmatch(plain):
+        if {name, plain} & familiar or NUMBERED_JOINT.fullmatch(plain) or NUMBERED_INPUT.fullmatch(plain):
             raise OptionError(
                 f"{escape_text(table.path)}: the column {name} has values that are no numbers; write plain numbers, and"
                 " leave a cell empty where there is none"
@@ -237,11 +216,11 @@ def _leave_out_far_turns(
             continue
         rest = [(joint, one) for joint, one in zip(joints, columns, strict=True) if joint.body != body]
         left = ", ".join(joint.name for joint in joints if joint.body == body)
-        place = f"{escape_text(table.path)}: a body turns by half a turn, where rotation vectors jump;"
+        reason = f"{escape_text(table.path)}: {left} go beyond half a turn, where rotation vectors jump"
         if not rest:
-            raise OptionError(f"{place} record {left} in shorter runs that begin near 0")
+            raise OptionError(f"{reason}; record shorter runs that begin near 0")
         joints, columns = tuple(joint for joint, _ in rest), [one for _, one in rest]
-        notes = [*notes, f"{place} not used: {left}"]
+        notes = [*notes, reason]
     return joints, columns, notes
 
 
@@ -271,7 +250,7 @@ def _require_samples(recordings: Sequence[Recording]) -> None:
 
 def _pair_with_simulation(tables: Sequence[TextTable], simulated: TextTable) -> MechanismShots:
     """Pair recordings with the simulated positions of the same shots."""
-    joints, place = _name_joints(simulated), escape_text(simulated.path)
+    joints, place = name_joints(simulated), escape_text(simulated.path)
     names = [joint.name for joint in joints]
     everything = RecordedSimulator(joints, {0: (np.arange(2.0), np.zeros((2, len(joints))))})
     parts = {part.number: part for part in _split_shots(simulated, everything, joints, names, ())}
@@ -308,110 +287,8 @@ def _read_table(path: Path) -> TextTable:
     for name, others in ALIASES.items():
         for other in others:
             if name in columns and other in columns:
-                columns.pop(other if name in _OTHER_COLUMNS else name)
+                columns.pop(other if name in OTHER_COLUMNS else name)
     return replace(table, columns=columns, notes=tuple(one for one in table.notes if " is read as " not in one))
-
-
-def _separate_units(table: TextTable, familiar: frozenset[str]) -> TextTable:
-    """Separate the units from the names of columns that are not `familiar`: `elbow (deg)` is elbow, in degrees."""
-    columns, units = dict(table.columns), dict(table.units)
-    for name in table.columns:
-        match = None if name in familiar else _WITH_UNIT.fullmatch(name)
-        unit = UNITS.get(match[2] or match[3]) if match else None
-        if match and unit and match[1] not in columns:
-            columns[match[1]], units[match[1]] = columns.pop(name), unit
-    return replace(table, columns=columns, units=units)
-
-
-def _name_joints(table: TextTable) -> tuple[Joint, ...]:
-    """Name joints by the columns of a table that are neither times nor inputs."""
-    names = [n for n in table.columns if n not in _OTHER_COLUMNS and not _NUMBERED_INPUT.fullmatch(n)]
-    return tuple(Joint(n, "m" if table.units.get(n, "rad") in LENGTH_UNITS else "rad") for n in names)
-
-
-def _find_joint_columns(
-    table: TextTable, simulator: OutsideSimulator
-) -> tuple[tuple[Joint, ...], list[str], list[str]]:
-    """Find the joints of a simulator that a table holds, their columns, and what was assumed."""
-    named = [(joint, joint.name.lower()) for joint in simulator.joints if joint.name.lower() in table.columns]
-    if named:
-        return tuple(joint for joint, _ in named), [column for _, column in named], []
-    shorts = {_shorten(name, _JOINT_WORDS): name for name in reversed(table.columns) if name not in _OTHER_COLUMNS}
-    keys = [(one, _shorten(one.name, _JOINT_WORDS)) for one in simulator.joints]
-    close = [(one, shorts[key]) for one, key in keys if key and key in shorts]
-    how = "by their names"
-    if not close or len({column for _, column in close}) < len(close):
-        columns = [name for name in table.columns if _NUMBERED_JOINT.fullmatch(name)]
-        single = [joint for joint in simulator.joints if "." not in joint.name]
-        close = list(zip(single, columns, strict=True)) if len(columns) == len(single) else []
-        how = "by their order"
-    if close:
-        pairs = ", ".join(f"{column} is {joint.name}" for joint, column in close)
-        note = f"{escape_text(table.path)}: {how}, {pairs}"
-        return tuple(joint for joint, _ in close), [column for _, column in close], [note]
-    wanted = ", ".join(joint.name for joint in simulator.joints)
-    raise OptionError(
-        f"{escape_text(table.path)} has the columns {', '.join(table.columns)}; the joints of the simulator are"
-        f" {wanted}: give both the same names"
-    )
-
-
-def _shorten(name: str, words: frozenset[str]) -> str:
-    """Return a name in lower case without certain words: `elbow_joint` and `elbow_pos` are elbow."""
-    return "_".join(word for word in re.split(r"[_./ -]+", name.lower()) if word not in words)
-
-
-def _find_input_columns(
-    table: TextTable, simulator: OutsideSimulator, taken: Sequence[str]
-) -> tuple[list[str | None], list[str]]:
-    """Find the columns of all inputs, None where one is not recorded, and what was assumed."""
-    place, notes = escape_text(table.path), list[str]()
-    free = [name for name in table.columns if name not in taken]
-    chosen_columns = [_find_input_column(free, simulator, number) for number in range(len(simulator.inputs))]
-    for name, column in zip(simulator.inputs, chosen_columns, strict=True):
-        plain = name.lower()
-        if column not in (None, plain) and str(column).removeprefix(f"{plain}_") not in _INPUT_WORDS:
-            notes.append(f"{place}: the input {name} is {column}")
-    columns: list[str | None] = [name for name in free if _NUMBERED_INPUT.fullmatch(name)]
-    if not any(chosen_columns) and len(columns) == len(simulator.inputs):
-        ordered = dict(zip(_order_inputs(simulator, columns), columns, strict=True))
-        pairs = ", ".join(f"{column} is {simulator.inputs[k]}" for k, column in ordered.items())
-        return [ordered[k] for k in range(len(columns))], [f"{place}: the input {pairs}"] if pairs else []
-    silent = [name for name, column in zip(simulator.inputs, chosen_columns, strict=True) if column is None]
-    if silent:
-        notes.append(f"{place} has no column for {', '.join(silent)}, told 0 all the time")
-    return chosen_columns, notes
-
-
-def _order_inputs(simulator: OutsideSimulator, columns: Sequence[str | None]) -> list[int]:
-    """Order inputs as their numbered columns are: as their joints, for which `command3` belongs to `q3`.
-
-    Columns called `ctrl`, as MuJoCo calls its inputs, and inputs that share a joint have the order of the simulator.
-    """
-    joints = [one.joint for one in simulator.drives]
-    has_own = len(joints) == len(set(joints)) == len(columns) and min(joints, default=-1) >= 0
-    is_ctrl = all(column is not None and column.startswith("ctrl") for column in columns)
-    return np.argsort(joints).tolist() if has_own and not is_ctrl else list(range(len(columns)))
-
-
-def _find_input_column(columns: Sequence[str], simulator: OutsideSimulator, number: int) -> str | None:
-    """Find the column of an input: its name, or that or its only joint with a word for inputs.
-
-    A motor whose input has no such column takes the effort that a robot measures there.
-    """
-    name, drives = simulator.inputs[number].lower(), [one.joint for one in simulator.drives]
-    own = drives[number] if drives else -1
-    joint = simulator.joints[own].name if own >= 0 and drives.count(own) == 1 else name
-    if name in columns:
-        return name
-    for owner in (name, joint):
-        for word in _INPUT_WORDS:
-            for column in columns:
-                parts = re.split(r"[_./ -]+", column)
-                if word in parts and _shorten(column, _EVERY_WORD) == _shorten(owner, _EVERY_WORD) != "":
-                    return column
-    effort = f"{name}{_EFFORT}"
-    return effort if simulator.servo_joints[number] < 0 and effort in columns else None
 
 
 @dataclass(frozen=True, slots=True)

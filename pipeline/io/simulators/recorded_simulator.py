@@ -21,6 +21,7 @@ class RecordedSimulator:
     """Recorded predictions; see `models.estimation.gap_scenes.outside_simulator.OutsideSimulator`."""
 
     takes_forces = False
+    failure = ""
     last_mass = 1.0
     drives: tuple[Drive, ...] = ()
     inputs: tuple[str, ...] = ()

@@ -87,10 +87,10 @@ def write_gap_recording(
 
 
 def _choose_windows(windows: tuple[PredictionWindow, ...]) -> list[int]:
-    """Choose windows that do not overlap."""
+    """Choose windows of which something is predicted, and that do not overlap."""
     chosen, ends = [], dict[int, float]()
     for k, one in enumerate(windows):
-        if one.segment.t[0] >= ends.get(one.segment.shot, -np.inf):
+        if one.is_predicted.any() and one.segment.t[0] >= ends.get(one.segment.shot, -np.inf):
             chosen.append(k)
             ends[one.segment.shot] = float(one.segment.t[-1])
     return chosen

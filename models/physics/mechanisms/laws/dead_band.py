@@ -9,5 +9,6 @@ EFFECT = MechanismEffect(
     site="actuator",
     strengths=(MechanismStrength("width", lambda scale: scale.unit, lambda scale: scale.position, upper=2.0),),
     partners=("backlash", "joint_friction"),
+    needs_small_inputs=True,
     reference="u = asked - width sign(asked) outside, 0 inside",
 )

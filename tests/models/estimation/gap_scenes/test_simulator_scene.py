@@ -256,3 +256,18 @@ def test_a_motor_loses_force_with_its_speed_while_it_has_power():
     released = replace(scene, histories={0: InputHistory(t, np.full((101, 2), np.nan))})
     states = released.simulate_states(shot, np.array([0.0, 0.0, 0.0, 3.0]), values)
     np.testing.assert_allclose(states[:, 3], 3.0)
+
+
+@pytest.mark.parametrize(
+    ("actuator", "offset", "is_tested"), [("motor", 0.0, True), ("motor", 0.5, False), ("position", 0.5, True)]
+)
+def test_a_dead_band_is_tested_where_it_differs_from_an_offset(actuator: str, offset: float, is_tested: bool):
+    from pipeline.io.simulators.mujoco_simulator import MujocoSimulator
+
+    _, recording = build_scene(SWING.format(0, "one", 0.4), ("one",))
+    text = f"<worldbody>{SWING.format(0, 'one', 0.4)}</worldbody><actuator><{actuator} joint='one'/></actuator>"
+    simulator = MujocoSimulator(mujoco.MjModel.from_xml_string(f"<mujoco>{text}</mujoco>"))
+    given = offset + 0.2 * np.sin(9 * recording.t)[:, None]
+    scene = build_simulator_scene(simulator, (recording,), {0: InputHistory(recording.t, given)})
+    assert ("dead_band" in scene.not_tested) == (not is_tested)
+    assert ("dead_band" in [one.name for one in scene.effects]) == is_tested
