@@ -32,7 +32,7 @@ from models.estimation.rally.initial_flights import align_flights
 from models.estimation.rally.landing_hypotheses import merge_landings
 from models.estimation.rally.play_order import judge_order, locate_event
 from models.estimation.rally.rally_building import build_rally, weigh_flights
-from models.estimation.rally.rally_revision import WORST_RIVAL, Doubt, leave_out_flights, revise_structure, weigh_fit
+from models.estimation.rally.rally_revision import WORST_RIVAL, Doubt, leave_out_flights, revise_structures, weigh_fit
 
 # Natural logarithm of the probability that an explanation is right although another fits better by as much: evidence
 # is computed from a model that is never wholly true, and so counts by half.
@@ -82,8 +82,7 @@ def explain_rally(
     fits.sort(key=lambda fit: -weigh_fit(fit, sight.observed))
     least = weigh_fit(fits[0], sight.observed) - WORST_RIVAL
     near = [fit for fit in fits if weigh_fit(fit, sight.observed) > least]
-    revisions = [revise_structure(sight.observed, sport, fit) for fit in near]
-    revisions.sort(key=lambda revision: -weigh_fit(revision.best, sight.observed))
+    revisions = revise_structures(sight.observed, sport, near)
     revised = revisions[0]
     others = [*(revision.best for revision in revisions[1:]), *fits]
     fits = [revised.best, *revised.rivals, *(fit for fit in others if not _are_same(fit, revised.best))]
