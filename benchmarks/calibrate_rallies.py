@@ -12,7 +12,6 @@ least cost. Takes some seconds per rally; the table is printed after each round 
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,7 @@ from rich.table import Table
 
 from benchmarks.court_cases.court_answers import Impairment, make_candidates
 from benchmarks.court_cases.court_clips import CourtCase, CourtTruth, film_case, read_truth
-from benchmarks.court_cases.court_scores import CERTAIN_FRAMES
+from benchmarks.court_cases.court_scores import CERTAIN_FRAMES, true_events
 from benchmarks.courts import SPORTS
 from models.core.progress import ignore_progress
 from models.core.rally import Rally, RallyEvent
@@ -29,8 +28,6 @@ from models.estimation.rally.event_chances import DEPARTURE, EVIDENCE_SHARE, LOW
 from models.estimation.rally.explain_rally import combine_explanations, find_explanations
 from models.estimation.rally.play_order import advance_play, locate_event, start_play
 from models.estimation.rally.rally_building import is_low
-from models.sports.sport_catalogue import find_sports
-from video.rendering.rally_clips import simulate_rallies
 
 # Probability from which nothing speaks against an event.
 SURE = 0.99
@@ -43,11 +40,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=5000)
     parser.add_argument("--missing", type=float, default=0.1)
     parser.add_argument("--clutter", type=float, default=3.0)
-    parser.add_argument("--simulated", type=int, default=60, help="rallies per sport in which breaks are counted")
     parser.add_argument("--out", type=Path, default=Path("out/courts"))
     options = parser.parse_args()
-    counts = {name: [0, 0] for name in ("unseen start", "low hit", "wrong though sure")}
-    counts["against the rules"] = count_departures(options.seed, options.simulated, options.out / "rules")
+    counts = {name: [0, 0] for name in ("unseen start", "low hit", "wrong though sure", "against the rules")}
     costs, console = dict.fromkeys(EVIDENCE_SHARES, 0.0), Console()
     for number in range(options.rallies):
         for sport in SPORTS:
@@ -58,6 +53,8 @@ def main() -> None:
             for name, is_counted in classify_events(truth, combine_explanations(found)):
                 counts[name][0] += is_counted
                 counts[name][1] += 1
+            for k, count in enumerate(count_departures(truth)):
+                counts["against the rules"][k] += count
             for share in costs:
                 costs[share] += weigh_statements(truth, combine_explanations(found, share))
         console.print(make_table(counts, costs, 3 * (number + 1)))
@@ -102,20 +99,17 @@ def is_right(truth: CourtTruth, event: RallyEvent) -> bool:
     return any((one["kind"] == "hit") == (event.kind == "hit") for one in near)
 
 
-def count_departures(seed: int, rallies: int, folder: Path) -> list[int]:
-    """Count the events of simulated rallies that break the rules, and all of them."""
-    steps: list[bool] = []
-    for name in SPORTS:
-        sport = find_sports()[name]
-        for path in simulate_rallies(name, seed, rallies, folder / name):
-            belief = start_play(sport)
-            for event in json.loads(path.with_suffix(".json").read_text())["events"]:
-                place = np.array(event["place"])
-                is_off = np.array(event["kind"] != "hit" and sport.is_beside_table(place[2]))
-                where = locate_event(place[0], np.array(1e-3), is_off, sport)
-                belief = advance_play(belief, event["kind"], where, sport)
-                steps.append(bool(belief.sum() < 2 * DEPARTURE))
-                belief = belief / belief.sum()
+def count_departures(truth: CourtTruth) -> list[int]:
+    """Count the events of a simulated rally that break the rules, and all of them."""
+    sport = truth.scene.sport
+    belief, steps = start_play(sport), list[bool]()
+    for event in true_events(truth):
+        place = np.array(event["place"])
+        is_off = np.array(event["kind"] != "hit" and sport.is_beside_table(place[2]))
+        where = locate_event(place[0], np.array(1e-3), is_off, sport)
+        belief = advance_play(belief, event["kind"], where, sport)
+        steps.append(bool(belief.sum() < 2 * DEPARTURE))
+        belief = belief / belief.sum()
     return [sum(steps), len(steps)]
 
 

@@ -32,6 +32,7 @@ from models.estimation.rally.initial_flights import align_flights
 from models.estimation.rally.landing_hypotheses import merge_landings
 from models.estimation.rally.play_order import judge_order, locate_event
 from models.estimation.rally.rally_building import build_rally, weigh_flights
+from models.estimation.rally.rally_clock import estimate_capture_times
 from models.estimation.rally.rally_revision import WORST_RIVAL, Doubt, leave_out_flights, revise_structures, weigh_fit
 
 # m and s up to which events of the same kinds are the same: far less than two explanations differ by.
@@ -85,6 +86,11 @@ def find_explanations(
     """
     sport = scene.sport
     chosen = associate_candidates(scene, candidates, frame, t)
+    rows = np.flatnonzero(chosen >= 0)
+    px = stabilize_places(scene.camera, frame[rows], candidates.centre[chosen[rows]])
+    shown, t = t, estimate_capture_times(rows, px, candidates.sigma[chosen[rows]], t)
+    if t is not shown:
+        chosen = associate_candidates(scene, candidates, frame, t)
     progress(0.2)
     sight = look_at_candidates(scene, candidates, frame, t, chosen)
     px = stabilize_places(scene.camera, frame[sight.rows], candidates.centre[chosen[sight.rows]])
