@@ -172,6 +172,7 @@ def _synthesize_rally(
         raise OptionError("--upright and --shutter are for billiards; leave them out for a rally")
     from video.synthesis.rally_synthesis import build_rally_timeline, synthesize_rally_frames  # slow to import
 
+    times = np.interp(times, source.times_of(rally.frame), rally.t)  # where frames were not taken when they are shown
     decoded = (image for _, image in read_frames(source, indices=rally.frame[np.isin(rally.t, times)]))
     for frame in synthesize_rally_frames(source, build_rally_timeline(rally), times):
         is_decoded = np.isin(frame.t, rally.t)

@@ -93,11 +93,11 @@ def locate_court(clip: Clip, sport: str | None, corners: str | None, progress: P
     is_still = stands_still(images)
     notes: tuple[str, ...] = ()
     reference, image = 0, _compute_median(images) if is_still else images[0]
-    located = _locate(image, sports, corners)
+    located = find_court(image, sports, corners)
     if located is None and not is_still and corners is None:
         # Players may hide lines in one image, or the camera shows the court only later.
         for reference in range(len(images) // 2, len(images), len(images) // 3 or 1):
-            located = _locate(images[reference], sports, None)
+            located = find_court(images[reference], sports)
             if located is not None:
                 break
     if located is None:
@@ -112,11 +112,6 @@ def locate_court(clip: Clip, sport: str | None, corners: str | None, progress: P
         camera, error, notes = _follow_camera(clip, located, int(frames[reference]))
     progress(1.0)
     return CourtScene(located.sport, camera, error, notes)
-
-
-def find_court(image: ImageArray, sports: Sequence[Sport] | None = None) -> LocatedCourt | None:
-    """Find a court in an image (H, W, 3) RGB; None where none of the sports fits: a quick decision about a clip."""
-    return _locate(_to_grey(image), list(find_sports().values()) if sports is None else sports, None)
 
 
 def _follow_camera(clip: Clip, located: LocatedCourt, reference: int) -> tuple[CourtCamera, float, tuple[str, ...]]:
@@ -175,8 +170,8 @@ def _compute_median(images: list[ByteArray]) -> ByteArray:
     return np.ascontiguousarray(np.partition(np.stack(images), half, axis=0)[half])
 
 
-def _locate(image: ByteArray, sports: Sequence[Sport], corners: str | None) -> LocatedCourt | None:
-    """Locate the court that fits an image (H, W) best; None where none fits."""
+def find_court(image: ByteArray, sports: Sequence[Sport], corners: str | None = None) -> LocatedCourt | None:
+    """Find the court that fits the brightness of an image (H, W) best; None where none of the sports fits."""
     height, width = image.shape
     brightness = image.astype(np.float32)
     if corners is not None:

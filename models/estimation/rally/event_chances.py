@@ -9,3 +9,6 @@ UNSEEN_START, LOW_HIT = 0.8, 0.9
 SLIP = 0.005
 # Of events that break the rules: play after a fault, a second bounce, two hits by one player.
 DEPARTURE = 3e-4
+# Share of the logarithm of the evidence of an explanation that counts: it is computed from a model that is never wholly
+# true.
+EVIDENCE_SHARE = 0.5

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,7 +12,7 @@ from models.core.court_camera import CourtScene
 from models.core.progress import Progress
 from models.core.rally import BallCandidates, Rally, RallyEvent, RallyEventKind
 from models.core.typing import FloatArray, IntArray
-from models.estimation.rally.event_chances import SLIP
+from models.estimation.rally.event_chances import EVIDENCE_SHARE, SLIP
 from models.estimation.rally.event_evidence import name_contact
 from models.estimation.rally.flight_fit import (
     RallyFit,
@@ -32,11 +32,9 @@ from models.estimation.rally.initial_flights import align_flights
 from models.estimation.rally.landing_hypotheses import merge_landings
 from models.estimation.rally.play_order import judge_order, locate_event
 from models.estimation.rally.rally_building import build_rally, weigh_flights
-from models.estimation.rally.rally_revision import WORST_RIVAL, Doubt, leave_out_flights, revise_structure, weigh_fit
+from models.estimation.rally.rally_clock import estimate_capture_times
+from models.estimation.rally.rally_revision import WORST_RIVAL, Doubt, leave_out_flights, revise_structures, weigh_fit
 
-# Natural logarithm of the probability that an explanation is right although another fits better by as much: evidence
-# is computed from a model that is never wholly true, and so counts by half.
-_EVIDENCE_SHARE = 0.5
 # m and s up to which events of the same kinds are the same: far less than two explanations differ by.
 _SAME_PLACE, _SAME_MOMENT = 0.25, 0.02
 # s between flights up to which they follow each other at once.
@@ -49,10 +47,32 @@ _LEAST_EVENT = 0.5
 _MOST_SEQUENCES = 2
 
 
+@dataclass(frozen=True, slots=True)
+class RallyExplanations:
+    """What may have happened in a clip."""
+
+    rallies: tuple[Rally, ...]
+    """The most probable first."""
+    evidence: FloatArray
+    """(R,) natural logarithm."""
+    doubts: tuple[Doubt, ...]
+    """Events of the first one that might be otherwise, of which nothing else depends."""
+
+
 def explain_rally(
     scene: CourtScene, candidates: BallCandidates, frame: IntArray, t: FloatArray, progress: Progress
 ) -> Rally:
-    """Explain the candidates of a clip as one rally.
+    """Explain the candidates of a clip as the most probable rally; without flights where nothing flies.
+
+    The arguments are those of `find_explanations`.
+    """
+    return combine_explanations(find_explanations(scene, candidates, frame, t, progress))
+
+
+def find_explanations(
+    scene: CourtScene, candidates: BallCandidates, frame: IntArray, t: FloatArray, progress: Progress
+) -> RallyExplanations:
+    """Find the rallies that the candidates of a clip may show.
 
     Args:
         scene: Court and camera.
@@ -62,10 +82,15 @@ def explain_rally(
         progress: Receives the finished share.
 
     Returns:
-        The most probable rally; without flights where nothing flies.
+        At least one rally.
     """
     sport = scene.sport
     chosen = associate_candidates(scene, candidates, frame, t)
+    rows = np.flatnonzero(chosen >= 0)
+    px = stabilize_places(scene.camera, frame[rows], candidates.centre[chosen[rows]])
+    shown, t = t, estimate_capture_times(rows, px, candidates.sigma[chosen[rows]], t)
+    if t is not shown:
+        chosen = associate_candidates(scene, candidates, frame, t)
     progress(0.2)
     sight = look_at_candidates(scene, candidates, frame, t, chosen)
     px = stabilize_places(scene.camera, frame[sight.rows], candidates.centre[chosen[sight.rows]])
@@ -78,12 +103,11 @@ def explain_rally(
             fits.append(fit)
         progress(0.6 + 0.3 * (k + 1) / len(hypotheses))
     if not fits:
-        return _build_empty(scene, candidates, frame, t)
+        return RallyExplanations((_build_empty(scene, candidates, frame, t),), np.zeros(1), ())
     fits.sort(key=lambda fit: -weigh_fit(fit, sight.observed))
     least = weigh_fit(fits[0], sight.observed) - WORST_RIVAL
     near = [fit for fit in fits if weigh_fit(fit, sight.observed) > least]
-    revisions = [revise_structure(sight.observed, sport, fit) for fit in near]
-    revisions.sort(key=lambda revision: -weigh_fit(revision.best, sight.observed))
+    revisions = revise_structures(sight.observed, sport, near)
     revised = revisions[0]
     others = [*(revision.best for revision in revisions[1:]), *fits]
     fits = [revised.best, *revised.rivals, *(fit for fit in others if not _are_same(fit, revised.best))]
@@ -95,11 +119,9 @@ def explain_rally(
     fits = [_leave_out_unlikely(fit, sight, candidates, sport) for fit in _select_fits(fits, sight.observed)]
     evidence = np.array([weigh_fit(fit, sight.observed) for fit in fits])
     order = np.argsort(-evidence, kind="stable")
-    weights = np.exp(_EVIDENCE_SHARE * (evidence[order] - evidence.max()))
-    weights = weights / weights.sum()
-    rallies = [build_rally(scene, candidates, frame, t, sight, fits[k]) for k in order]
+    rallies = tuple(build_rally(scene, candidates, frame, t, sight, fits[k]) for k in order)
     progress(1.0)
-    return _combine(rallies, weights, t, revised.doubts)
+    return RallyExplanations(rallies, evidence[order], revised.doubts)
 
 
 def _leave_out_unlikely(fit: RallyFit, sight: Sight, candidates: BallCandidates, sport: Sport) -> RallyFit:
@@ -139,15 +161,24 @@ def _build_empty(scene: CourtScene, candidates: BallCandidates, frame: IntArray,
     )  # fmt: skip
 
 
-def _weigh_doubts(doubts: tuple[Doubt, ...], kind: RallyEventKind, t: float, interval: float) -> float:
+def _weigh_doubts(doubts: tuple[Doubt, ...], kind: RallyEventKind, t: float, interval: float, share: float) -> float:
     """Return the probability that doubts leave to an event of a kind at a time, s."""
     near = (doubt for doubt in doubts if doubt.kind == kind and abs(doubt.t - t) < interval / 2)
-    return 1 / (1 + sum(float(np.exp(_EVIDENCE_SHARE * doubt.gain)) for doubt in near))
+    return 1 / (1 + sum(float(np.exp(share * doubt.gain)) for doubt in near))
 
 
-def _combine(rallies: list[Rally], weights: FloatArray, t: FloatArray, doubts: tuple[Doubt, ...]) -> Rally:
-    """Weigh the events and the landing of the best rally by all explanations."""
-    best, interval = rallies[0], float(np.median(np.diff(t)))
+def combine_explanations(found: RallyExplanations, share: float = EVIDENCE_SHARE) -> Rally:
+    """Weigh the events and the landing of the best rally by all explanations.
+
+    Args:
+        found: Explanations.
+        share: Share of the evidence that counts.
+    """
+    rallies, doubts, best = found.rallies, found.doubts, found.rallies[0]
+    if not best.flights:
+        return best
+    weights = np.exp(share * (found.evidence - found.evidence.max()))
+    weights, interval = weights / weights.sum(), float(np.median(np.diff(best.t)))
     events = []
     for event in best.events:
         support = sum(
@@ -155,13 +186,13 @@ def _combine(rallies: list[Rally], weights: FloatArray, t: FloatArray, doubts: t
             for rally, weight in zip(rallies, weights, strict=True)
             if any(other.kind == event.kind and abs(other.t - event.t) < 1.5 * interval for other in rally.events)
         )
-        support *= _weigh_doubts(doubts, event.kind, event.t, interval)
+        support *= _weigh_doubts(doubts, event.kind, event.t, interval, share)
         events.append(replace(event, probability=float(min(event.probability * support, 1.0))))
     contact, pairs = name_contact(best.scene.sport), []
     for rally, weight in zip(rallies, weights, strict=True):
         landing = rally.landings[0] if rally.landings else None
         if landing is not None:
-            trusted = _weigh_doubts(doubts, contact, landing.t, interval)
+            trusted = _weigh_doubts(doubts, contact, landing.t, interval, share)
             landing = replace(landing, weight=landing.weight * trusted)
         pairs.append((float(weight), landing))
     landings, nothing = merge_landings(pairs)

@@ -159,12 +159,16 @@ def fit_rally(observed: FlightObservations, sport: Sport, hypothesis: RallyHypot
 
 
 def refine_fit(
-    observed: FlightObservations, sport: Sport, structure: RallyStructure, values: FloatArray
+    observed: FlightObservations,
+    sport: Sport,
+    structure: RallyStructure,
+    values: FloatArray,
+    search: SearchOptions = _SEARCH,
 ) -> RallyFit | None:
     """Fit flights of a known structure from initial values (P,)."""
     problem = _Problem(observed, sport, structure)
     try:
-        best = minimize_residuals(values, problem.evaluate, _SEARCH, problem.limit)
+        best = minimize_residuals(values, problem.evaluate, search, problem.limit)
     except ValueError:
         return None
     problem.normalizer = 0.0
@@ -220,6 +224,7 @@ class _Problem:
         self.normalizer = 0.0
         self.rows: list[FloatArray] = []
         self.by: list[FloatArray] = []
+        self.known = self._state_prior()
 
     def limit(self, old: FloatArray, new: FloatArray) -> FloatArray:
         """Keep the events in their order."""
@@ -241,10 +246,11 @@ class _Problem:
     def evaluate(self, values: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         """Evaluate residuals (R,) and their derivatives (R, P)."""
         self.rows, self.by, self.normalizer = [], [], 0.0
-        sport, structure, prior, count = self.sport, self.structure, self.prior, len(self.structure)
-        for column, index in enumerate(_SHARED):
-            sigma = sport.object.drag.sigma if index == DRAG else prior.sigma[index]
-            self._add_linear({column: 1.0}, values[column] - prior.mean[index], sigma)
+        sport, structure, count = self.sport, self.structure, len(self.structure)
+        by_known, mean, log_sigmas = self.known
+        self.rows.append(by_known @ values - mean)
+        self.by.append(by_known)
+        self.normalizer -= log_sigmas
         before: tuple[FloatArray, FloatArray, FloatArray] | None = None
         for k, rows in enumerate(assign_times(self.observed.t, structure, values)):
             part, start = flight_slice(k), values[start_row(k, count)]
@@ -254,7 +260,6 @@ class _Problem:
             path = fly(p, np.append(self.observed.t[rows], end) - start, turn_length)
             if not np.isfinite(path.states).all():
                 return None
-            self._add_prior(k, values, part, prior.mean, prior.sigma)
             self._add_observations(rows, path, k, part)
             self._add_surface(path, k, part)
             self._add_net(k, part, p, path, turn_length, np.append(self.observed.t[rows], end) - start)
@@ -271,26 +276,27 @@ class _Problem:
         self.rows.append(residual)
         self.by.append(full)
 
-    def _add_linear(self, by: dict[int, float], residual: float, sigma: float) -> None:
-        row = np.zeros((1, self.size))
-        for column, slope in by.items():
-            row[0, column] = slope / sigma
-        self.rows.append(np.array([residual / sigma]))
-        self.by.append(row)
-        self.normalizer -= float(np.log(sigma)) + 0.5 * float(np.log(2 * np.pi))
-
-    def _add_prior(self, k: int, values: FloatArray, part: slice, mean: FloatArray, sigma: FloatArray) -> None:
-        kind, is_joined, start = self.structure.kinds[k], self.structure.joined[k], part.start
-        used = [*LIFT]
-        if kind in (None, "hit") or not is_joined:
-            used += [3, 4, 5]
-        if not is_joined:
-            used += [0, 1, 2]
-        for j in used:
-            self._add_linear({start + j: 1.0}, values[start + j] - mean[j], sigma[j])
+    def _state_prior(self) -> tuple[FloatArray, FloatArray, float]:
+        """State what is known before, in standard deviations: matrix (R, P), right side (R,) and logarithmic norm."""
+        mean, sigma = self.prior.mean, self.prior.sigma
+        rows: list[tuple[dict[int, float], float, float]] = []  # columns, value and standard deviation
         for column, index in enumerate(_SHARED):
-            spread = DRAG_SPREAD * mean[DRAG] if index == DRAG else _FLIGHT_SHARE * sigma[index]
-            self._add_linear({start + index: 1.0, column: -1.0}, values[start + index] - values[column], spread)
+            rows.append(({column: 1.0}, mean[index], self.sport.object.drag.sigma if index == DRAG else sigma[index]))
+        for k, (kind, is_joined) in enumerate(zip(self.structure.kinds, self.structure.joined, strict=True)):
+            start, used = flight_slice(k).start, [*LIFT]
+            if kind in (None, "hit") or not is_joined:
+                used += [3, 4, 5]
+            if not is_joined:
+                used += [0, 1, 2]
+            rows += [({start + j: 1.0}, mean[j], sigma[j]) for j in used]
+            for column, index in enumerate(_SHARED):
+                spread = DRAG_SPREAD * mean[DRAG] if index == DRAG else _FLIGHT_SHARE * sigma[index]
+                rows.append(({start + index: 1.0, column: -1.0}, 0.0, spread))
+        by, right = np.zeros((len(rows), self.size)), np.empty(len(rows))
+        for row, (columns, value, spread) in enumerate(rows):
+            by[row, list(columns)] = np.array(list(columns.values())) / spread
+            right[row] = value / spread
+        return by, right, float(sum(np.log(spread) + 0.5 * np.log(2 * np.pi) for _, _, spread in rows))
 
     def _add_observations(self, rows: IntArray, path: FlightPath, k: int, part: slice) -> None:
         observed = self.observed.select(rows)
@@ -385,17 +391,10 @@ class _Problem:
         item, part, earlier = sport.object, flight_slice(k), flight_slice(k - 1)
         p, at_start, before_start = values[part], start_row(k, count), start_row(k - 1, count)
         rate = np.concatenate([state[3:], acceleration])
+        stated: list[tuple[FloatArray, FloatArray, float, float]] = []
 
         def add(of_state: FloatArray, of_start: FloatArray, residual: float, sigma: float) -> None:
-            row = np.zeros((1, self.size))
-            row[0, earlier] = of_state @ derivative
-            row[0, at_start] = of_state @ rate
-            if self.structure.joined[k - 1]:
-                row[0, before_start] = -(of_state @ rate)
-            row[0, part.start : part.start + 6] = of_start
-            self.rows.append(np.array([residual / sigma]))
-            self.by.append(row / sigma)
-            self.normalizer -= float(np.log(sigma)) + 0.5 * float(np.log(2 * np.pi))
+            stated.append((of_state, of_start, residual, sigma))
 
         unit = np.eye(6)
         for axis in range(3):
@@ -429,3 +428,13 @@ class _Problem:
             for axis in (3, 4, 5):
                 add(-NET_SHARES[0] * unit[axis], unit[axis], p[axis] - NET_SHARES[0] * state[axis], sigma)
             self.normalizer += float(np.log(NET_SHARE * max(abs(state[3]), 0.05)))
+        of_state, of_start, residual, sigmas = (np.array(column) for column in zip(*stated, strict=True))
+        rows = np.zeros((len(stated), self.size))
+        rows[:, earlier] = of_state @ derivative
+        rows[:, at_start] = of_state @ rate
+        if self.structure.joined[k - 1]:
+            rows[:, before_start] = -rows[:, at_start]
+        rows[:, part.start : part.start + 6] = of_start
+        self.rows.append(residual / sigmas)
+        self.by.append(rows / sigmas[:, None])
+        self.normalizer -= float(np.log(sigmas).sum()) + 0.5 * len(stated) * float(np.log(2 * np.pi))

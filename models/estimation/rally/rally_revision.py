@@ -7,7 +7,7 @@ near the ground, only the joint fit can tell; what loses by little stays as a ri
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -27,10 +27,18 @@ from models.estimation.rally.flight_fit import (
 from models.estimation.rally.flight_observations import CLUTTER_COST, FlightObservations
 from models.estimation.rally.initial_flights import pin_to_surface
 from models.estimation.rally.single_flight import Pin, build_flight_prior, fit_single_flight
+from models.numerics.least_squares import SearchOptions
 from models.physics.flight.flight_motion import fly
 
 # Passes in which gains are taken over, and flights on each side of a doubtful event that are fitted with it.
 _MOST_PASSES, _NEIGHBOURS = 4, 1
+# s up to which events begin at the same time: what was tried once is not tried again.
+_SAME_START = 0.02
+# Steps after which a rival that is worse by so much evidence is given up: further ones gained a tenth of it at most
+# where a rival came near; and the accuracy that a comparison of local fits needs.
+_FIRST_LOOK = SearchOptions(iterations=8, attempts=5, min_gain=0.2, min_relative_gain=1e-3, damping=1e-2)
+_SEARCH = SearchOptions(iterations=30, attempts=6, min_gain=0.05, min_relative_gain=1e-4, quiet_steps=2, damping=1e-2)
+_HOPELESS = 100.0
 # Events at the end of a rally whose rivals are fitted wholly, and how many of these.
 _LAST_EVENTS, _MOST_RIVALS = 3, 4
 # A flight of fewer observations, or shorter, s, may be none.
@@ -67,6 +75,18 @@ class Revision:
 
 
 @dataclass(frozen=True, slots=True)
+class _Variant:
+    """An event taken otherwise: what the flights are then, and where their fit starts."""
+
+    event: int
+    structure: RallyStructure
+    values: FloatArray
+    """(P,) initial values."""
+    pins: dict[int, Pin] = field(default_factory=dict)
+    """Places of the events that move to the surface: the flights beside these are first fitted through them."""
+
+
+@dataclass(frozen=True, slots=True)
 class _Trial:
     """An event tried otherwise, with the flights around it fitted again."""
 
@@ -78,17 +98,24 @@ class _Trial:
     gain: float
 
 
-def revise_structure(observed: FlightObservations, sport: Sport, fit: RallyFit) -> Revision:
-    """Try the doubtful events of a rally otherwise, each with its neighbours alone.
+def revise_structures(observed: FlightObservations, sport: Sport, fits: list[RallyFit]) -> list[Revision]:
+    """Try the doubtful events of explanations otherwise, each with its neighbours alone.
 
     Args:
         observed: N observations.
-        fit: The best explanation so far.
+        fits: Explanations that may be right.
 
     Returns:
-        The best explanation found, its rivals and doubts.
+        The best that was found from each of them, with its rivals and doubts; the best one first.
     """
     past: dict[tuple[object, ...], _Trial | None] = {}
+    revisions = [_revise(observed, sport, fit, past) for fit in fits]
+    return sorted(revisions, key=lambda revision: -weigh_fit(revision.best, observed))
+
+
+def _revise(
+    observed: FlightObservations, sport: Sport, fit: RallyFit, past: dict[tuple[object, ...], _Trial | None]
+) -> Revision:
     revision = _improve(observed, sport, fit, past)
     for _ in range(_MOST_PASSES):
         # a rival that was fitted wholly may have come out better than it seemed beside its neighbours alone
@@ -184,24 +211,29 @@ def _try_variants(
     """Try the doubtful events otherwise; what was tried before, among the same events, is taken from `past`."""
     trials: list[_Trial] = []
     count, originals = len(fit.structure), dict[int, tuple[FlightObservations, float]]()
-    for event, structure, values in _vary(observed, sport, fit):
+    for variant in _vary(observed, sport, fit):
+        event, structure = variant.event, variant.structure
         if goes_on_after_landing(structure) and not goes_on_after_landing(fit.structure):
             continue
         first, stop = max(event - 1 - _NEIGHBOURS, 0), min(event + 1 + _NEIGHBOURS, count)
+        stop = count if len(variant.pins) > 1 else stop  # a landing changes all that follows
         fewer = count - len(structure)
         key = (
             _describe_events(fit.structure, fit.values, first, stop),
-            _describe_events(structure, values, first, stop - fewer),
+            _describe_events(structure, variant.values, first, stop - fewer),
         )
         if key not in past:
             past[key] = None
             if event not in originals:
-                part, original = _fit_part(observed, sport, fit.structure, fit.values, first, stop)
+                part, original = _fit_part(observed, sport, fit.structure, fit.values, first, stop, _SEARCH)
                 if original is None:
                     continue
                 originals[event] = part, weigh_fit(original, part)
             part, before = originals[event]
-            _, other = _fit_part(observed, sport, structure, values, first, stop - fewer)
+            values = _pin_flights(observed, sport, variant)
+            _, other = _fit_part(observed, sport, structure, values, first, stop - fewer, _FIRST_LOOK)
+            if other is not None and weigh_fit(other, part) > before - _HOPELESS:
+                other = refine_fit(part, sport, other.structure, other.values, _SEARCH)
             if other is not None:
                 past[key] = _Trial(event, first, stop, other, weigh_fit(other, part) - before)
         trial = past[key]
@@ -213,11 +245,18 @@ def _try_variants(
 def _describe_events(structure: RallyStructure, values: FloatArray, first: int, stop: int) -> tuple[object, ...]:
     starts = values[start_row(first, len(structure)) : start_row(stop, len(structure))]
     heights = structure.heights[first:stop].tolist()
-    return tuple(zip(structure.kinds[first:stop], np.round(starts, 2).tolist(), heights, strict=True))
+    moments = np.round(starts / _SAME_START).tolist()
+    return tuple(zip(structure.kinds[first:stop], moments, heights, strict=True))
 
 
 def _fit_part(
-    observed: FlightObservations, sport: Sport, structure: RallyStructure, values: FloatArray, first: int, stop: int
+    observed: FlightObservations,
+    sport: Sport,
+    structure: RallyStructure,
+    values: FloatArray,
+    first: int,
+    stop: int,
+    search: SearchOptions,
 ) -> tuple[FlightObservations, RallyFit | None]:
     """Fit flights `first` to `stop` alone, to their observations."""
     count = len(structure)
@@ -231,9 +270,8 @@ def _fit_part(
     joined = (False, *structure.joined[first + 1 : stop])
     part = RallyStructure(structure.kinds[first:stop], joined, begin, end, structure.heights[first:stop])
     own = values[flight_slice(first).start : flight_slice(stop).start]
-    return observed.select(rows), refine_fit(
-        observed.select(rows), sport, part, np.concatenate([values[:SHARED_COUNT], own, starts[first:stop]])
-    )
+    values = np.concatenate([values[:SHARED_COUNT], own, starts[first:stop]])
+    return observed.select(rows), refine_fit(observed.select(rows), sport, part, values, search)
 
 
 def _splice(structure: RallyStructure, values: FloatArray, trial: _Trial) -> tuple[RallyStructure, FloatArray]:
@@ -255,10 +293,8 @@ def _splice(structure: RallyStructure, values: FloatArray, trial: _Trial) -> tup
     return spliced, np.concatenate([*flights, rest, starts[:a], own_starts, starts[b:]])
 
 
-def _vary(
-    observed: FlightObservations, sport: Sport, fit: RallyFit
-) -> Iterator[tuple[int, RallyStructure, FloatArray]]:
-    """Yield doubtful events, and structures with initial values in which they are otherwise."""
+def _vary(observed: FlightObservations, sport: Sport, fit: RallyFit) -> Iterator[_Variant]:
+    """Yield doubtful events taken otherwise."""
     structure, values, count = fit.structure, fit.values, len(fit.structure)
     sizes = np.array([len(rows) for rows in assign_times(observed.t, structure, values)])
     starts = values[start_row(0, count) :]
@@ -274,15 +310,15 @@ def _vary(
             # a player sends the object back, and to the other half
             doubtful = bool(way * came.states[0, 3] > 0 or (place < sport.length / 2) != (way > 0))
         if doubtful:
-            yield k, *_merge(fit, k, bool(sizes[k] > sizes[k - 1]), sport)
+            yield _merge(fit, k, bool(sizes[k] > sizes[k - 1]), sport)
     for k in range(1, count):
         if structure.joined[k]:
             volley = structure.kinds[k] == "hit" and structure.kinds[k - 1] != "bounce"
-            for variant in (*_flip(observed, fit, k, sport), *(_add_bounce(observed, fit, k, sport) if volley else ())):
-                yield k, *variant
+            yield from _flip(observed, fit, k, sport)
+            yield from _add_bounce(observed, fit, k, sport) if volley else ()
 
 
-def _merge(fit: RallyFit, k: int, is_later_longer: bool, sport: Sport) -> tuple[RallyStructure, FloatArray]:
+def _merge(fit: RallyFit, k: int, is_later_longer: bool, sport: Sport) -> _Variant:
     """Leave out the event that begins flight k, and let one flight take the place of two."""
     structure, values, count = fit.structure, fit.values, len(fit.structure)
     parts = [values[flight_slice(j)].copy() for j in range(count)]
@@ -303,32 +339,33 @@ def _merge(fit: RallyFit, k: int, is_later_longer: bool, sport: Sport) -> tuple[
         end[stays],
         structure.heights[stays],
     )
-    return fewer, np.concatenate([values[:SHARED_COUNT], *parts, starts[stays]])
+    return _Variant(k, fewer, np.concatenate([values[:SHARED_COUNT], *parts, starts[stays]]))
 
 
-def _flip(observed: FlightObservations, fit: RallyFit, k: int, sport: Sport) -> list[tuple[RallyStructure, FloatArray]]:
+def _flip(observed: FlightObservations, fit: RallyFit, k: int, sport: Sport) -> Iterator[_Variant]:
     """Take an event for one of another kind: a bounce or a touch of the net only where one might be."""
-    structure, kinds = fit.structure, list(fit.structure.kinds)
-    x, row, stated = float(fit.values[flight_slice(k)][0]), flight_slice(k).start, kinds[k]
+    structure, count, contact = fit.structure, len(fit.structure), name_contact(sport)
+    x, row, stated = float(fit.values[flight_slice(k)][0]), flight_slice(k).start, structure.kinds[k]
     is_at_net = abs(x - sport.length / 2) < _FAR_SIGMAS * np.sqrt(max(fit.covariance[row, row], 0.0)) + NET_DEPTH
-    variants = []
     if stated != "hit" or is_at_net:
+        kinds = list(structure.kinds)
         kinds[k] = "net" if stated == "hit" else "hit"
-        variants.append((replace(structure, kinds=tuple(kinds)), fit.values.copy()))
-    changed = _pin_event(observed, fit, structure, k, sport) if stated in ("hit", "net") else None
-    if changed is None:
-        return variants
-    # nobody plays on after a landing: what follows it are hops
-    for j in range(k + 1, len(structure)):
-        if changed[0].kinds[k] == "landing" and changed[0].kinds[j] != "landing":
-            later = _pin_event(observed, replace(fit, values=changed[1]), changed[0], j, sport)
-            changed = changed if later is None else later
-    return [*variants, changed]
+        yield _Variant(k, replace(structure, kinds=tuple(kinds)), fit.values)
+    # nobody plays on after a landing: what follows it are hops, and few
+    if stated not in ("hit", "net") or (contact == "landing" and k < count - _LAST_EVENTS):
+        return
+    changed = [j for j in range(k, count) if j == k or (contact == "landing" and structure.kinds[j] != "landing")]
+    kinds, heights, pins = list(structure.kinds), structure.heights.copy(), dict[int, Pin]()
+    for j in changed:
+        pin = _find_contact(observed, fit, j, sport)
+        if pin is None:
+            return
+        kinds[j], pins[j] = contact, pin
+        heights[j] = sport.floor if sport.is_beside_table(pin.place[2]) else 0.0
+    yield _Variant(k, replace(structure, kinds=tuple(kinds), heights=heights), fit.values, pins)
 
 
-def _add_bounce(
-    observed: FlightObservations, fit: RallyFit, k: int, sport: Sport
-) -> list[tuple[RallyStructure, FloatArray]]:
+def _add_bounce(observed: FlightObservations, fit: RallyFit, k: int, sport: Sport) -> list[_Variant]:
     """Put a bounce just before the hit that begins flight k: a ball that is hit as it rises is easily taken for one."""
     structure, values, count = fit.structure, fit.values, len(fit.structure)
     starts = values[start_row(0, count) :]
@@ -353,24 +390,16 @@ def _add_bounce(
         np.insert(structure.heights, k, sport.floor if sport.is_beside_table(pin.place[2]) else 0.0),
     )
     flights = [values[: flight_slice(k).start], rising, after, values[flight_slice(k + 1).start : start_row(0, count)]]
-    return [(more, np.concatenate([*flights, starts[:k], [begin, end], starts[k + 1 :]]))]
+    return [_Variant(k, more, np.concatenate([*flights, starts[:k], [begin, end], starts[k + 1 :]]))]
 
 
-def _pin_event(
-    observed: FlightObservations, fit: RallyFit, structure: RallyStructure, k: int, sport: Sport
-) -> tuple[RallyStructure, FloatArray] | None:
-    """Put the event that begins flight k on the surface; None where it cannot be there."""
-    place, start = fit.values[flight_slice(k)][:3], float(fit.values[start_row(k, len(structure))])
+def _find_contact(observed: FlightObservations, fit: RallyFit, k: int, sport: Sport) -> Pin | None:
+    """Find where the event that begins flight k is on the surface; None where it cannot be there."""
+    place, start = fit.values[flight_slice(k)][:3], float(fit.values[start_row(k, len(fit.structure))])
     row = min(int(np.searchsorted(observed.t, start)), len(observed) - 1)
     pin = pin_to_surface(observed.matrix[row], place, start, sport)
     deviation = float(np.sqrt(max(fit.covariance[flight_slice(k), flight_slice(k)][2, 2], 0.0)))
-    if pin is None or not _may_bounce(pin, place, deviation, sport):
-        return None
-    heights, kinds = structure.heights.copy(), list(structure.kinds)
-    kinds[k] = name_contact(sport)
-    heights[k] = sport.floor if sport.is_beside_table(pin.place[2]) else 0.0
-    changed = replace(structure, kinds=tuple(kinds), heights=heights)
-    return changed, _pin_flights(observed, fit, changed, k, pin, sport)
+    return pin if pin is not None and _may_bounce(pin, place, deviation, sport) else None
 
 
 def _may_bounce(pin: Pin, place: FloatArray, sigma: float, sport: Sport) -> bool:
@@ -381,23 +410,19 @@ def _may_bounce(pin: Pin, place: FloatArray, sigma: float, sport: Sport) -> bool
     return bool(is_near or (inside and np.linalg.norm(place - pin.place) < _DEPTH_SHARE * sport.length))
 
 
-def _pin_flights(
-    observed: FlightObservations, fit: RallyFit, structure: RallyStructure, k: int, pin: Pin, sport: Sport
-) -> FloatArray:
-    """Fit the flights on both sides of a bounce again, through its place."""
-    values, count, prior = fit.values.copy(), len(structure), build_flight_prior(sport)
+def _pin_flights(observed: FlightObservations, sport: Sport, variant: _Variant) -> FloatArray:
+    """Fit the flights on both sides of events that move to the surface through their places; return all values."""
+    structure, values, prior = variant.structure, variant.values.copy(), build_flight_prior(sport)
     rows_of = assign_times(observed.t, structure, values)
-    for j in (k - 1, k):
+    for j in sorted({j for k in variant.pins for j in (k - 1, k)}):
         if len(rows_of[j]) < 2:
             continue
-        part = observed.select(rows_of[j])
-        turns = structure.kinds[j] in (None, "hit")
-        flights = [fit_single_flight(part, sport, prior, turns, heading, (pin,)) for heading in (1.0, -1.0)]
-        usable = [flight for flight in flights if flight is not None]
-        if not usable:
+        part, turns = observed.select(rows_of[j]), structure.kinds[j] in (None, "hit")
+        pins = tuple(variant.pins[k] for k in (j, j + 1) if k in variant.pins)
+        flight = fit_single_flight(part, sport, prior, turns, pins=pins)
+        if flight is None:
             continue
-        p = min(usable, key=lambda flight: flight.cost).parameters.copy()
-        moved = fly(p, np.array([values[start_row(j, count)] - part.t[0]]), 0.0).states[0]
+        moved = fly(flight.parameters, np.array([values[start_row(j, len(structure))] - part.t[0]]), 0.0).states[0]
         if np.linalg.norm(moved[3:]) < 1.5 * sport.object.max_speed:
-            values[flight_slice(j)] = np.append(moved, p[6:])
+            values[flight_slice(j)] = np.append(moved, flight.parameters[6:])
     return values

@@ -13,12 +13,14 @@ from support.drawn_courts import LOOKS, aim_camera, draw_court
 from support.shared_material import find_shared_file
 from support.table_images import write_clip
 
+from models.core.court import Sport
 from models.core.court_camera import CourtCamera
 from models.core.errors import ClipError, OptionError
 from models.core.progress import ignore_progress
-from models.core.typing import FloatArray
+from models.core.typing import FloatArray, ImageArray
 from models.sports.sport_catalogue import find_sports
-from video.calibration.court_finder import find_court, locate_court
+from video.calibration.court_finder import LocatedCourt, find_court, locate_court
+from video.calibration.court_lines import convert_to_brightness
 from video.io.clip import open_clip
 
 SPORTS = find_sports()
@@ -47,6 +49,10 @@ def aim(view: str) -> tuple[str, CourtCamera, str]:
     return name, aim_camera(place, target, focal, is_left_handed=is_left_handed, k1=k1), looks
 
 
+def find_in_picture(picture: ImageArray, sports: list[Sport] | None = None) -> LocatedCourt | None:
+    return find_court(np.rint(convert_to_brightness(picture)).astype(np.uint8), sports or list(SPORTS.values()))
+
+
 def measure_line_shift(name: str, truth: CourtCamera, camera: CourtCamera) -> float:
     """Measure the largest shift, px, of points of the lines inside the picture."""
     share = np.linspace(0, 1, 30)[:, None]
@@ -62,7 +68,7 @@ def measure_line_shift(name: str, truth: CourtCamera, camera: CourtCamera) -> fl
 )
 def test_a_court_is_found_with_its_sport_its_side_and_its_lines_within_a_pixel(view: str) -> None:
     name, truth, looks = aim(view)
-    located = find_court(draw_court(SPORTS[name], truth, LOOKS[looks], np.random.default_rng(1)))
+    located = find_in_picture(draw_court(SPORTS[name], truth, LOOKS[looks], np.random.default_rng(1)))
     assert located is not None
     assert located.sport.name == name
     assert located.fit.camera.is_left_handed == truth.is_left_handed
@@ -77,7 +83,7 @@ def test_sigmas_of_the_camera_hold() -> None:
         name, truth, looks = aim(view)
         rng = np.random.default_rng(seed)
         picture = draw_court(SPORTS[name], truth, replace(LOOKS[looks], noise=rng.uniform(1, 6)), rng)
-        located = find_court(picture, [SPORTS[name]])
+        located = find_in_picture(picture, [SPORTS[name]])
         assert located is not None
         camera = located.fit.camera
         ratios.append(
@@ -99,7 +105,7 @@ def test_rectangles_of_bright_lines_are_no_court(seed: int) -> None:
         for line, s in zip(sport.lines, rng.uniform(0, 0.2 * sport.length, len(sport.lines)), strict=True)
     )
     picture = draw_court(replace(sport, lines=moved), truth, LOOKS[looks], rng, has_net=False)
-    assert find_court(picture) is None
+    assert find_in_picture(picture) is None
 
 
 def test_a_clip_of_something_else_is_refused_in_one_sentence(tmp_path: Path) -> None:
