@@ -47,6 +47,8 @@ START_S = 1.0
 PREPARED_FROM = 3
 # Longest time for the process to end, s.
 EXIT_S = 5.0
+# Of the C library of Linux: with an arena per thread, as by default, 40 corrections in a row took 2.5 GB, most of it free.
+ALLOCATION = {"MALLOC_ARENA_MAX": "2"}
 # What a request is described by; the rest of its scope belongs to the server.
 SCOPE_KEYS = ("type", "asgi", "http_version", "method", "scheme", "path", "raw_path", "root_path", "query_string",
               "headers", "client", "server")  # fmt: skip
@@ -176,7 +178,7 @@ class _Child:
             start = f"import sys; sys.path.insert(0, {root!r}); from {__name__} import main; main()"
             self._process = subprocess.Popen(
                 [sys.executable, "-c", start, str(library), str(theirs.fileno())], stdin=subprocess.DEVNULL,
-                pass_fds=[theirs.fileno()],
+                pass_fds=[theirs.fileno()], env={**ALLOCATION, **os.environ},
             )  # fmt: skip
         self._socket = ours
         self._connection = Connection(os.dup(ours.fileno()))

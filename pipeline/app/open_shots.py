@@ -48,7 +48,8 @@ from pipeline.io.shot_laws import find_laws, load_laws
 from pipeline.io.strict_json import read_json
 from pipeline.recording_shots import read_whole_clip
 from pipeline.run_options import RunOptions
-from video.io.clip import Clip
+from video.calibration.table_classifier import find_baulk_line
+from video.io.clip import Clip, read_frames
 
 # Shots and sessions in memory: a person compares two or three; each holds up to some 50 MB of frames and plays.
 KEPT_SHOTS = 4
@@ -211,6 +212,18 @@ class OpenShot:
         clip = read_whole_clip(noted.path, options, self._cache, SilentWatcher())
         return clip if noted.first is None or noted.stop is None else clip.extract_subclip(noted.first, noted.stop)
 
+    @property
+    def baulk_line(self) -> float | None:
+        """Where the baulk line lies, m along the table; None where none is seen, or the clip cannot be read."""
+        table, camera = self.shot.scene.table, self.shot.scene.camera
+        if not (table.game == "snooker" or table.name.startswith("blackball")) or camera is None:
+            return None
+        with suppress(TruerollError, OSError, StopIteration):
+            _, image = next(iter(read_frames(self.clip, indices=self.clip.frames[:1])))
+            share = find_baulk_line(image, camera.corners_px)
+            return None if share is None else share * table.length
+        return None
+
     def read_frame(self, number: int) -> bytes | None:
         """Read a frame as JPEG; None if there is none, raises TruerollError where the clip cannot be read."""
         clip = self.clip
@@ -300,6 +313,7 @@ class ShotDesk:
             session = EditSession(
                 edited, continue_run_options(edited, RunOptions()), self._cache, opened.run if is_current else None,
                 partial(self._library.announce, type="shot", id=shot),
+                self._library.own / "undo" / f"{edited.digest[:32]}-{edited.first or 0}.json",
             )  # fmt: skip
             self._sessions[shot] = KeptSession(session, time.monotonic())
             quiet = [name for name, one in self._sessions.items() if name != shot and not one.session.status.stage]
@@ -333,12 +347,11 @@ class ShotDesk:
 
     @property
     def can_be_closed(self) -> bool:
-        """Whether nobody would miss what is open: nothing is computed, and no correction could be taken back."""
+        """Whether nobody would miss what is open: nothing is computed. What can be undone is in files."""
         with self._lock:
             states = [entry.session.status for entry in self._sessions.values()]
             is_computing = any(shot.is_fitting_laws for shot in self._shots.values())
-        is_at_work = any(one.stage or (one.result != one.revision and not one.error) for one in states)
-        return not (is_computing or is_at_work or any(one.can_undo or one.can_redo for one in states))
+        return not (is_computing or any(one.stage or (one.result != one.revision and not one.error) for one in states))
 
     def _look_for_idle(self) -> None:
         while not self._is_closed.wait(LOOK_S):

@@ -31,6 +31,7 @@ from pipeline.reporting.text.rally_sentences import assess_rally_trust, format_l
 from pipeline.reporting.text.shot_summary import ShotSummary, summarize_shots
 from pipeline.reporting.text.stroke_sentences import NOT_KNOWN, STROKE_HEADINGS, format_point, list_stroke_rows
 from pipeline.reporting.text.text_formatting import start_sentence
+from video.calibration.table_classifier import D_RADIUS_WIDTHS
 
 # Places of a path per second on a plan.
 PLAN_HZ = 50.0
@@ -75,6 +76,7 @@ def _describe_motion(opened: OpenShot) -> dict[str, Any]:
             "length": table.length, "width": table.width, "ball_radius": table.ball_radius,
             "turns": fit.naming.view.turns, "pockets": _describe_pockets(table, fit),
             "paths": _describe_paths(fit.trajectory, fit.events),
+            "baulk": opened.baulk_line, "d_radius": D_RADIUS_WIDTHS * table.width,
         },
     }  # fmt: skip
 

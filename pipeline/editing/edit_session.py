@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any, Literal
 
 from models.core.corrections import Corrections
@@ -15,8 +18,16 @@ from models.estimation.hand_marks.resolved_marks import update_ball_names
 from pipeline.chain import find_report_tables, hash_tables, run_clip, run_tables
 from pipeline.editing.edited_clip import EditedClip
 from pipeline.editing.run_view import ClipRun, describe_run
+from pipeline.engine.atomic_write import write_text
 from pipeline.engine.result_cache import ResultCache
-from pipeline.io.corrections_file import CorrectionsFile, describe_corrections, read_corrections, write_corrections
+from pipeline.io.corrections_file import (
+    SCHEMA,
+    CorrectionsFile,
+    describe_corrections,
+    parse_corrections,
+    read_corrections,
+    write_corrections,
+)
 from pipeline.io.run_folder import STAGE_FILES
 from pipeline.recording_shots import read_recording_shot
 from pipeline.reporting.text.fit_sentences import format_corrections, format_recomputed
@@ -70,7 +81,7 @@ class EditSession:
 
     def __init__(
         self, edited: EditedClip, options: RunOptions, cache: ResultCache, shown: ClipRun | None = None,
-        on_change: Callable[[], None] = lambda: None,
+        on_change: Callable[[], None] = lambda: None, history: Path | None = None,
     ) -> None:  # fmt: skip
         """Start the session, and its first run unless there is one to begin with.
 
@@ -79,13 +90,14 @@ class EditSession:
             options: Options of the run; those that a person can correct are what the corrections start from.
             shown: The saved run of the folder; None to run the clip.
             on_change: Called after each change of the corrections or of the shown run.
+            history: File that keeps what can be undone and redone from one session to the next; None for one session.
         """
         self.edited = edited
         self._options, self._cache, self._on_change = options, cache, on_change
         self._lock = threading.Condition()
         self._file = self._start_from(read_corrections(edited.path, edited.digest))
-        self._undo: list[Corrections] = []
-        self._redo: list[Corrections] = []
+        self._history = history
+        self._undo, self._redo = ([], []) if history is None else _read_history(history, self._file.revision)
         self._run: ClipRun | None = None
         self._view: dict[str, Any] | None = None
         self._result, self._stage, self._share, self._error = -1, "", 0.0, ""
@@ -147,6 +159,7 @@ class EditSession:
             self._write(corrections, revision)
             self._undo = [*self._undo[-MAX_UNDO + 1 :], before]
             self._redo.clear()
+            self._save_history()
 
     def step(self, revision: int, *, forward: bool) -> None:
         """Undo the last correction, or with `forward` redo it.
@@ -167,6 +180,7 @@ class EditSession:
             self._write(source[-1], revision)
             source.pop()
             target.append(before)
+            self._save_history()
 
     def finish(self) -> None:
         """Write all files of the run, with video and report."""
@@ -200,6 +214,13 @@ class EditSession:
         self._options = reset_settings(self._options)
         self._request()
         self._on_change()
+
+    def _save_history(self) -> None:
+        """Save what can be undone and redone; where that fails, it lasts as long as the session."""
+        if self._history is not None:
+            lists = ([describe_corrections(one) for one in steps] for steps in (self._undo, self._redo))
+            with suppress(OSError):
+                write_text(self._history, json.dumps([self._file.revision, *lists]))
 
     def _start_from(self, saved: CorrectionsFile) -> CorrectionsFile:
         """Return the content of the corrections file, with the options of the run where it does not set them.
@@ -292,6 +313,18 @@ class EditSession:
                 self._stage = ""
                 raise SupersededError
             self._stage, self._share = stage, share
+
+
+def _read_history(path: Path, revision: int) -> tuple[list[Corrections], list[Corrections]]:
+    """Read what can be undone and redone; nothing where the file is missing, damaged or of other corrections."""
+    with suppress(OSError, ValueError, TypeError, RecursionError):
+        noted, undo, redo = json.loads(path.read_bytes())
+        if noted == revision:
+            parsed = [
+                [parse_corrections({"schema": SCHEMA, **one}).corrections for one in steps] for steps in (undo, redo)
+            ]
+            return parsed[0], parsed[1]
+    return [], []
 
 
 class _SessionWatcher:

@@ -54,12 +54,13 @@ def replace_runs(
 
 @contextmanager
 def open_synthetic_session(
-    folder: Path, options: RunOptions = DEFAULT_OPTIONS, runs: list[tuple[RunOptions, bool]] | None = None
-) -> Iterator[EditSession]:
+    folder: Path, options: RunOptions = DEFAULT_OPTIONS, runs: list[tuple[RunOptions, bool]] | None = None,
+    history: Path | None = None,
+) -> Iterator[EditSession]:  # fmt: skip
     """Open a session of a made-up run, and wait for its first result."""
     with replace_runs(folder, runs) as (clip, _):
         edited = EditedClip(clip.path, folder / "out", hash_clip(clip.path))
-        session = EditSession(edited, options, ResultCache(folder / "cache"))
+        session = EditSession(edited, options, ResultCache(folder / "cache"), history=history)
         try:
             wait_for_result(session)
             yield session

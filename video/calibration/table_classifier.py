@@ -53,6 +53,11 @@ PLAN_SIZE_PX = (800, 400)
 LINE_WIDTH_PX, LINE_LEVELS = 13, 25
 # Share of the width at the border that is left out: noses and their highlights.
 LINE_BORDER = 0.04
+# Place of the baulk line as a share of the length, and by how much tables and calibrations differ from it: 737 mm on
+# 3569 mm (WPBSA rules, section 1.1), a fifth on English tables (WEPF rules, equipment).
+BAULK_SHARE, BAULK_REACH = 0.2065, 0.02
+# Grey levels by which a line on cloth is brighter or darker than the cloth in an image in which it is a pixel wide.
+CLOTH_LINE_LEVELS = 8
 # Share of a side over which a line runs, and the largest angle (rad) between them: the surface of a court is located by
 # its mat, which is not quite parallel to its lines.
 LINE_COVER, LINE_TILT = 0.5, 0.05
@@ -214,12 +219,15 @@ def has_snooker_d(background: ImageArray, noses: FloatArray) -> bool:
     Returns:
         True if an arc of the right size at the right place is far clearer than elsewhere.
     """
-    plan = _draw_plan(background, noses)
-    kernel = np.ones((7, 7), np.uint8)
-    lines = np.maximum(
-        cv2.morphologyEx(plan, cv2.MORPH_BLACKHAT, kernel), cv2.morphologyEx(plan, cv2.MORPH_TOPHAT, kernel)
-    )
+    lines = _extract_thin_lines(_draw_plan(background, noses))
     return any(_has_d_at_left(side) for side in (lines, lines[:, ::-1]))
+
+
+def _extract_thin_lines(plan: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Extract by how much thin lines of a plan (H, W) are brighter or darker than what is beside them, grey levels."""
+    kernel = np.ones((7, 7), np.uint8)
+    bright, dark = (cv2.morphologyEx(plan, way, kernel) for way in (cv2.MORPH_TOPHAT, cv2.MORPH_BLACKHAT))
+    return np.asarray(np.maximum(bright, dark), np.uint8)
 
 
 def _draw_plan(image: ImageArray, noses: FloatArray) -> NDArray[np.uint8]:
@@ -250,8 +258,35 @@ def count_painted_lines(image: ImageArray, noses: FloatArray) -> tuple[int, int]
     return _count_line_bundles(inner), _count_line_bundles(np.ascontiguousarray(inner.T))
 
 
+def find_baulk_line(image: ImageArray, noses: FloatArray) -> float | None:
+    """Find the baulk line of a snooker or English table.
+
+    Args:
+        image: (H, W, 3) RGB.
+        noses: (4, 2) px, corners of the noses; the line runs across the side from the first to the second one.
+
+    Returns:
+        Its place, as a share of the length from the first corner; None unless one end alone has such a line.
+    """
+    lines = (_extract_thin_lines(_draw_plan(image, noses)) > CLOTH_LINE_LEVELS).astype(np.uint8)
+    border = round(LINE_BORDER * lines.shape[0])
+    cover = _measure_line_cover(np.ascontiguousarray(lines[border:-border].T))
+    share = np.arange(len(cover)) / len(cover)
+    ends = [np.where(np.abs(share - place) < BAULK_REACH, cover, 0) for place in (BAULK_SHARE, 1 - BAULK_SHARE)]
+    found = [float(share[end.argmax()]) for end in ends if end.max() > LINE_COVER]
+    return found[0] if len(found) == 1 else None
+
+
 def _count_line_bundles(bright: NDArray[np.uint8]) -> int:
     """Count the lines of a mask (H, W) that run along its rows, tilted by up to `LINE_TILT`."""
+    is_line = (_measure_line_cover(bright) > LINE_COVER).astype(np.int8)
+    gap = np.ones(LINE_WIDTH_PX, np.uint8)
+    joined = cv2.morphologyEx(is_line.view(np.uint8)[None], cv2.MORPH_CLOSE, gap[None])[0]
+    return int(np.count_nonzero(np.diff(np.concatenate([[0], joined.astype(np.int8)])) > 0))
+
+
+def _measure_line_cover(bright: NDArray[np.uint8]) -> FloatArray:
+    """Measure over which share a line covers each row of a mask (H, W), tilted by up to `LINE_TILT`."""
     height, width = bright.shape
     tilts = np.linspace(-LINE_TILT, LINE_TILT, 13)
     column = np.arange(width)
@@ -260,10 +295,7 @@ def _count_line_bundles(bright: NDArray[np.uint8]) -> int:
     for tilt in tilts:
         row = np.arange(height)[:, None] + np.rint(np.tan(tilt) * (column - width / 2)).astype(int)
         best = np.maximum(best, thick[np.clip(row, 0, height - 1), column].mean(axis=1))
-    is_line = (best > LINE_COVER).astype(np.int8)
-    gap = np.ones(LINE_WIDTH_PX, np.uint8)
-    joined = cv2.morphologyEx(is_line.view(np.uint8)[None], cv2.MORPH_CLOSE, gap[None])[0]
-    return int(np.count_nonzero(np.diff(np.concatenate([[0], joined.astype(np.int8)])) > 0))
+    return best
 
 
 def _has_d_at_left(lines: NDArray[np.uint8]) -> bool:

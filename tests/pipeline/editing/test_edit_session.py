@@ -88,6 +88,24 @@ def test_options_are_what_the_corrections_start_from(tmp_path: Path) -> None:
     assert read_corrections(tmp_path / "shot.mp4").corrections.table == "pool-8ft"
 
 
+@pytest.mark.parametrize("damage", [None, b"", b"[2]", b"[2, 3, []]", b'[9, [{"fps": "25"}], []]'])
+def test_what_can_be_undone_outlives_the_session(damage: bytes | None, tmp_path: Path) -> None:
+    history = tmp_path / "own" / "history.json"
+    with open_synthetic_session(tmp_path, history=history) as session:
+        for revision, rate in enumerate(("25", "30", "50")):
+            session.change(Corrections(fps=rate), revision)
+        session.step(3, forward=False)
+    if damage is not None:
+        history.write_bytes(damage)
+    with open_synthetic_session(tmp_path, history=history) as session:
+        assert (session.status.can_undo, session.status.can_redo) == (damage is None, damage is None)
+        if damage is None:
+            session.step(4, forward=False)
+            session.step(5, forward=True)
+            session.step(6, forward=True)
+            assert read_corrections(tmp_path / "shot.mp4").corrections.fps == "50"
+
+
 def test_corrections_that_are_there_beat_the_options_of_the_editor(tmp_path: Path) -> None:
     runs: list[tuple[RunOptions, bool]] = []
     write_corrections(tmp_path / "shot.mp4", CorrectionsFile(1, "", Corrections(table="pool-9ft")))

@@ -5,9 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from models.core.typing import ImageArray
 from models.physics.billiards.tables import TABLE_PRESETS
 from video.calibration.ball_size import BallSizes
-from video.calibration.table_classifier import ALTERNATIVES_PREFIX, SURE_PROBABILITY, TABLE_PRIOR, classify_table
+from video.calibration.table_classifier import (
+    ALTERNATIVES_PREFIX,
+    BAULK_SHARE,
+    SURE_PROBABILITY,
+    TABLE_PRIOR,
+    classify_table,
+    find_baulk_line,
+)
+
+CLOTH_CORNERS = np.array([[100.0, 60.0], [1180.0, 60.0], [1180.0, 600.0], [100.0, 600.0]])
 
 
 def _make_sizes(name: str, sigma: float = 0.03, factor: float = 1.0) -> BallSizes:
@@ -81,3 +91,26 @@ def test_a_d_on_the_cloth_decides_between_a_small_snooker_and_a_pool_table() -> 
     assert classify_table(sizes, pockets=True, has_d=True).table.name == "snooker-6ft"
     assert classify_table(sizes, pockets=True, has_d=True).warnings == ()
     assert classify_table(sizes, pockets=True, has_d=False).table.name == "pool-7ft"
+
+
+@pytest.mark.parametrize("share", [BAULK_SHARE, 1 - BAULK_SHARE, 0.22])
+@pytest.mark.parametrize("level", [90, 130], ids=["dark", "bright"])
+def test_a_baulk_line_is_found_at_either_end_and_whatever_its_colour(share: float, level: int) -> None:
+    assert find_baulk_line(_draw_line(share, level), CLOTH_CORNERS) == pytest.approx(share, abs=0.004)
+
+
+@pytest.mark.parametrize("share", [0.5, 0.25])
+def test_another_line_and_a_cloth_without_one_are_no_baulk_line(share: float) -> None:
+    assert find_baulk_line(_draw_line(share, 130), CLOTH_CORNERS) is None
+    assert find_baulk_line(_draw_line(share, 110), CLOTH_CORNERS) is None
+    both = np.maximum(_draw_line(BAULK_SHARE, 130), _draw_line(1 - BAULK_SHARE, 130))
+    assert find_baulk_line(both, CLOTH_CORNERS) is None
+
+
+def _draw_line(share: float, level: int) -> ImageArray:
+    """Draw a grey cloth of level 110 with a line across it, and a ball on that."""
+    image = np.full((660, 1280, 3), 110, np.uint8)
+    x = round(100 + share * 1080)
+    image[60:600, x : x + 2] = level
+    image[300:320, x - 10 : x + 10] = 240
+    return image

@@ -60,6 +60,7 @@ function Table({ plan, margin, chosen }) {
   return html`<g><rect class="rail" x=${-margin} y=${-margin} width=${length + 2 * margin} height=${width + 2 * margin}
     rx=${margin * 0.8} />
     <rect class="cloth" x="0" y="0" width=${length} height=${width} />
+    ${plan.baulk !== null && html`<${BaulkLine} plan=${plan} />`}
     ${spots.map(([x, y]) => html`<circle key=${x} class="dot" cx=${x} cy=${y} r=${length / 500} />`)}
     ${Object.entries(rails).map(([id, [x1, y1, x2, y2]]) => html`<line key=${id}
       class=${`nose ${chosen("rail", id) ? "chosen" : ""}`} data-rail=${id}
@@ -67,6 +68,12 @@ function Table({ plan, margin, chosen }) {
     ${plan.pockets.map((one) => html`<circle key=${one.name} class=${`pocket ${chosen("pocket", one.name) ? "chosen" : ""}`}
       data-pocket=${one.name}
       cx=${one.x} cy=${one.y} r=${one.radius} />`)}</g>`;
+}
+
+/** The baulk line, with the D on the side of the nearer short rail. */
+function BaulkLine({ plan: { baulk, d_radius: r, length, width } }) {
+  const middle = width / 2;
+  return html`<path class="baulk" d=${`M${baulk} 0V${width}M${baulk} ${middle - r}A${r} ${r} 0 0 ${baulk < length / 2 ? 0 : 1} ${baulk} ${middle + r}`} />`;
 }
 
 function Court({ plan, margin, landings }) {
