@@ -24,9 +24,10 @@ EFFECT = MechanismEffect(
         ),
         # a joint hardly moves faster than its motor without a load
         MechanismStrength(
-            "fall", lambda scale: f"s/{scale.joint_unit}", lambda scale: 1 / scale.speed, upper=3.0, needs_simulator=True
+            "fall", lambda scale: f"s/{scale.joint_unit}", lambda scale: 1 / scale.speed, upper=3.0,
+            needs_simulator=True,
         ),
     ),
     partners=("saturation", "armature"),
-    reference="Force over that of the simulator, of a servo's damping, and of its largest force, which falls with speed",
-)
+    reference="Force over that of the simulator, of a servo's damping, and of its largest force, which speed reduces",
+)  # fmt: skip
