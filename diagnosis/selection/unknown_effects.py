@@ -97,7 +97,7 @@ class UnknownEvidence:
         """
         smallest = self.noise_p_value if self.selection_gains else min(self.noise_p_value, SUSPICIOUS_P_VALUE)
         p = min(max(smallest, 1e-12), 1 / e)
-        odds = _PRIOR_ODDS * 2 ** (max(self.effect_count, 1) - 1) / (-e * p * log(p))
+        odds = _PRIOR_ODDS * 2.0 ** (max(self.effect_count, 1) - 1) / (-e * p * log(p))
         return odds / (1 + odds)
 
     @property
