@@ -223,7 +223,9 @@ def _test_best(
     body_after = None if body_fit is None else fit_body_strengths(problem, after, body_fit.own)
     ahead = measure_closure(problem, second or first, before, after, rng, body_after)
     share, most = estimate_explained_share(search.base.fitted, full, linearized.shot_information, ahead)
-    evidence = replace(evidence, explained_share=share, most_probability=most, selection_gains=gains)
+    evidence = replace(
+        evidence, explained_share=share, most_probability=most, selection_gains=gains, effect_count=best.size
+    )
     if second:  # else these shots estimated the strengths
         evidence = evidence.judge_by_predictions(ahead)
     is_named = evidence.has_systematic_residuals and share > MIN_EXPLAINED_SHARE

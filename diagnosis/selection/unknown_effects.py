@@ -59,6 +59,9 @@ class UnknownEvidence:
     """Share of the misfit of selection shots that a generic law, fitted to others, explains; NaN without such a law."""
     gap: GapState = "unmeasured"
     """Whether selection shots are predicted worse than noise explains, without the effects."""
+    effect_count: int = 1
+    """Number of named effects: each further one is half as likely beforehand, and an unknown one as likely as before.
+    """
 
     @property
     def noise_p_value(self) -> float:
@@ -88,12 +91,13 @@ class UnknownEvidence:
     def rest_probability(self) -> float:
         """Probability that something systematic is left.
 
-        By the largest odds that correspond to a p-value (Sellke, Bayarri and Berger 2001,
+        By the prior odds of an unknown effect to the named ones, which several together may imitate as the terms of a
+        series do, and the largest odds that correspond to a p-value (Sellke, Bayarri and Berger 2001,
         doi:10.1198/000313001300339950).
         """
         smallest = self.noise_p_value if self.selection_gains else min(self.noise_p_value, SUSPICIOUS_P_VALUE)
         p = min(max(smallest, 1e-12), 1 / e)
-        odds = _PRIOR_ODDS / (-e * p * log(p))
+        odds = _PRIOR_ODDS * 2.0 ** (max(self.effect_count, 1) - 1) / (-e * p * log(p))
         return odds / (1 + odds)
 
     @property

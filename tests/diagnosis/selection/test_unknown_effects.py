@@ -127,6 +127,14 @@ def test_an_effect_that_surely_explains_most_leaves_little_doubt() -> None:
     assert chances[-1] < 0.02
 
 
+def test_several_effects_are_less_sure_than_one_as_together_they_imitate_others() -> None:
+    """Gravity, spring and sensor scale, named for a force that was none of them, had a probability of 0.95."""
+    evidence = UnknownEvidence(0.5, 1.0, 0.5, 0.996, 0.5)
+    unknown = [replace(evidence, effect_count=count).probability for count in (1, 2, 3)]
+    np.testing.assert_allclose(unknown, [0.05 / 1.1, 0.1 / 1.2, 0.2 / 1.4])
+    assert not replace(evidence, effect_count=3).is_unknown
+
+
 def test_shots_that_lose_from_an_effect_speak_for_another_one() -> None:
     assert UnknownEvidence(0.5, 1.0, 0.5, 0.99, 0.9, False, 0.0).is_unknown
     assert UnknownEvidence(0.5, 1.0, 0.5, 0.99, 0.9, False, 0.0).probability > 0.25
