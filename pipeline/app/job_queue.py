@@ -43,6 +43,8 @@ CHECK_LIMIT_S = 300.0
 # Settings of every run: the answers come first, and the slow motion after them is encoded faster.
 RUN_SETTINGS = {"quick": True}
 OPEN_STATES, ENDED_STATES = ("waiting", "checking", "running"), ("done", "failed", "cancelled")
+# How sentences begin that a command says beside its result; others on standard error are its progress.
+REMARKS = ("Left out: ", "Note: ")
 UNKNOWN_CHECK: dict[str, Any] = {"level": "", "sentences": []}
 CHECK_LEVELS = {"go": "good", "doubts": "usable", "no-go": "bad"}
 
@@ -479,11 +481,10 @@ class JobQueue:
     def _run_command(self, job: Job) -> str:
         """Run a command; return why it failed, or nothing."""
         status, _, said = run_trueroll(job.arguments, COMMAND_LIMIT_S, lambda: self._is_stopped(job.id))
+        said = [sentence.replace(f"{self._library.root}/", "") for sentence in said]  # folders as the cards name them
         self._library.announce_changes()
-        is_done = status == 0 and self._has_card(job)
-        error = "" if is_done else said[-1] if said else "The command wrote no result."
-        self._update(job.id, ("running",), findings=tuple(said if is_done else said[:-1]))
-        return error
+        self._update(job.id, ("running",), findings=tuple(one for one in said if one.startswith(REMARKS)))
+        return "" if status == 0 and self._has_card(job) else said[-1] if said else "The command wrote no result."
 
     def _check_clips(self) -> None:
         """Check how clips are filmed, one after another, beside what runs."""
