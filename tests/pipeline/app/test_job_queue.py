@@ -242,12 +242,12 @@ def test_a_damaged_file_stops_nothing(text: str, tmp_path: Path) -> None:
 
 
 def test_a_command_of_the_program_runs_without_a_shell_and_can_be_stopped() -> None:
-    status, output, said = run_trueroll(("--version",), LONGEST_S, lambda: False)
+    status, output, remarks = run_trueroll(("--version",), LONGEST_S, lambda: False)
     assert status == 0
     assert output.startswith("trueroll ")
-    assert said == []
-    status, _, said = run_trueroll(("call", "$(touch x); nowhere"), LONGEST_S, lambda: False)
-    assert (status, said != []) == (2, True)
+    assert remarks == []
+    status, _, remarks = run_trueroll(("call", "$(touch x); nowhere"), LONGEST_S, lambda: False)
+    assert (status, remarks != []) == (2, True)
     begins = time.monotonic()
     assert run_trueroll(("--version",), LONGEST_S, lambda: True) == (None, "", ["It was stopped."])
     assert run_trueroll(("--version",), 0.0, lambda: False) == (None, "", ["It took more than 0 minutes."])
@@ -433,8 +433,8 @@ def test_a_command_that_fails_over_earlier_results_has_failed(
     status: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     root = tmp_path / "library"
-    said = ["fitting a shot", f"Left out: {root}/a.", f"{root}/b failed."]
-    monkeypatch.setattr(job_queue, "run_trueroll", lambda *rest: (status, "", said))
+    remarks = ["fitting a shot", f"Left out: {root}/a.", f"{root}/b failed."]
+    monkeypatch.setattr(job_queue, "run_trueroll", lambda *rest: (status, "", remarks))
     for name in ("earlier", "empty"):
         (root / "sessions" / name).mkdir(parents=True)
     (root / "sessions" / "earlier" / "session.json").write_text("{}")

@@ -331,7 +331,7 @@ def test_corners_are_marked_on_a_clip_whose_table_was_not_found(browser: webdriv
     with serve_app(tmp_path) as server:
         queue = server.queue
         home = server.library.own / "queue"
-        home.mkdir(parents=True)
+        home.mkdir(parents=True, exist_ok=True)
         cv2.imwrite(str(home / "1.jpg"), np.full((360, 640, 3), 90, np.uint8))
         failed = Job("1", "far.mp4", "far", str(tmp_path / "far.mp4"), state="failed", error="far.mp4 shows no table",
                      remedy="corners", frame_size=(1280, 720), preview_revision=1, ended=time.time())  # fmt: skip
