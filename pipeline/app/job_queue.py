@@ -243,7 +243,7 @@ class JobQueue:
             raise Refusal(422, "The four corners of the playing surface in the picture were expected.")
         settings = {"corners": ",".join(f"{value:.1f}" for place in places for value in place)}
         if isinstance(sport, str) and sport:
-            settings["sport"] = sport
+            settings["sport"] = sport[:64]
         return self.retry(job, settings)
 
     def dismiss(self, job: str) -> None:
