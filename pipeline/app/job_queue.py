@@ -43,6 +43,8 @@ CHECK_LIMIT_S = 300.0
 # Settings of every run: the answers come first, and the slow motion after them is encoded faster.
 RUN_SETTINGS = {"quick": True}
 OPEN_STATES, ENDED_STATES = ("waiting", "checking", "running"), ("done", "failed", "cancelled")
+# How sentences begin that a command says beside its result; others on standard error are its progress.
+REMARKS = ("Left out: ", "Note: ")
 UNKNOWN_CHECK: dict[str, Any] = {"level": "", "sentences": []}
 CHECK_LEVELS = {"go": "good", "doubts": "usable", "no-go": "bad"}
 
@@ -241,7 +243,7 @@ class JobQueue:
             raise Refusal(422, "The four corners of the playing surface in the picture were expected.")
         settings = {"corners": ",".join(f"{value:.1f}" for place in places for value in place)}
         if isinstance(sport, str) and sport:
-            settings["sport"] = sport
+            settings["sport"] = sport[:64]
         return self.retry(job, settings)
 
     def dismiss(self, job: str) -> None:
@@ -478,12 +480,13 @@ class JobQueue:
 
     def _run_command(self, job: Job) -> str:
         """Run a command; return why it failed, or nothing."""
-        status, _, said = run_trueroll(job.arguments, COMMAND_LIMIT_S, lambda: self._is_stopped(job.id))
+        status, _, remarks = run_trueroll(job.arguments, COMMAND_LIMIT_S, lambda: self._is_stopped(job.id))
+        remarks = [
+            sentence.replace(f"{self._library.root}/", "") for sentence in remarks
+        ]  # folders as the cards name them
         self._library.announce_changes()
-        is_done = status == 0 and self._has_card(job)
-        error = "" if is_done else said[-1] if said else "The command wrote no result."
-        self._update(job.id, ("running",), findings=tuple(said if is_done else said[:-1]))
-        return error
+        self._update(job.id, ("running",), findings=tuple(one for one in remarks if one.startswith(REMARKS)))
+        return "" if status == 0 and self._has_card(job) else remarks[-1] if remarks else "The command wrote no result."
 
     def _check_clips(self) -> None:
         """Check how clips are filmed, one after another, beside what runs."""
@@ -538,14 +541,14 @@ def _measure_change(image: Path) -> int:
     return 0
 
 
-def _parse_check(status: int | None, output: str, said: Sequence[str]) -> dict[str, Any]:
+def _parse_check(status: int | None, output: str, remarks: Sequence[str]) -> dict[str, Any]:
     """Parse what `trueroll check --json` printed; a clip that it refuses is bad, and one that takes long unknown."""
     if status is None:
         return UNKNOWN_CHECK
     with suppress(ValueError, KeyError, TypeError):
         document = json.loads(output)
         return {"level": CHECK_LEVELS[document["verdict"]], "sentences": list(document["sentences"])}
-    return {"level": "bad", "sentences": [*said[-1:]] or ["This clip could not be checked."]}
+    return {"level": "bad", "sentences": [*remarks[-1:]] or ["This clip could not be checked."]}
 
 
 def run_trueroll(
@@ -588,6 +591,6 @@ def run_trueroll(
         output.seek(0)
         errors.seek(0)
         lines = errors.read().decode("utf-8", "replace").splitlines()
-        said = [line.strip().removeprefix("trueroll: ") for line in lines if line.strip()]
+        remarks = [line.strip().removeprefix("trueroll: ") for line in lines if line.strip()]
         status = None if sentence else process.returncode
-        return status, output.read().decode("utf-8", "replace"), [*said, sentence] if sentence else said
+        return status, output.read().decode("utf-8", "replace"), [*remarks, sentence] if sentence else remarks

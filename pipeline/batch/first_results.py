@@ -81,8 +81,9 @@ class FirstResults:
         """Draw the newest frame in which something is found, with rings around it and lines along the tracks so far."""
         clip, value = graph.load("read", entries), graph.load(stage, entries)
         self._size = clip.width, clip.height
+        paths: list[FloatArray] = []
         if isinstance(value, Clip):
-            frame, rings, radii, paths = clip.first_frame, np.zeros((0, 2)), np.zeros(0), []
+            frame, rings, radii = clip.first_frame, np.zeros((0, 2)), np.zeros(0)
         elif len(value.frame):
             frame, (rings, radii, paths) = int(value.frame[-1]), _list_marks(value)
         else:

@@ -273,8 +273,8 @@ def find_baulk_line(image: ImageArray, noses: FloatArray) -> float | None:
     cover = _measure_line_cover(np.ascontiguousarray(lines[border:-border].T))
     share = np.arange(len(cover)) / len(cover)
     ends = [np.where(np.abs(share - place) < BAULK_REACH, cover, 0) for place in (BAULK_SHARE, 1 - BAULK_SHARE)]
-    found = [float(share[end.argmax()]) for end in ends if end.max() > LINE_COVER]
-    return found[0] if len(found) == 1 else None
+    places = [float(share[end.argmax()]) for end in ends if end.max() > LINE_COVER]
+    return places[0] if len(places) == 1 else None
 
 
 def _count_line_bundles(bright: NDArray[np.uint8]) -> int:

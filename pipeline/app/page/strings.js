@@ -154,6 +154,7 @@ export const text = {
     picture: "Picture",
     pictures: { slow: "Slow motion", frames: "Frames" },
     noPicture: "The clip is no longer where it was.",
+    loading: "Reading the frames of the clip",
     missing: "The slow motion cannot be shown; choose Frames.",
     video: "Slow motion of the shot",
     frame: (number) => `Frame ${number} of the clip`,

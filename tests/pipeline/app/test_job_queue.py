@@ -206,9 +206,10 @@ def test_a_clip_on_this_machine_is_never_deleted(tmp_path: Path) -> None:
 def test_what_cannot_be_done_to_a_job_is_refused(tmp_path: Path) -> None:
     queue = JobQueue(ShotLibrary(tmp_path))
     job = queue.add_clip(tmp_path / "a.mp4")["id"]
-    for refused in (queue.retry, queue.dismiss):
-        with pytest.raises(Refusal):
-            refused(job)
+    with pytest.raises(Refusal):
+        queue.retry(job)
+    with pytest.raises(Refusal):
+        queue.dismiss(job)
     queue.cancel(job)
     with pytest.raises(Refusal, match="ended already"):
         queue.cancel(job)
@@ -241,12 +242,12 @@ def test_a_damaged_file_stops_nothing(text: str, tmp_path: Path) -> None:
 
 
 def test_a_command_of_the_program_runs_without_a_shell_and_can_be_stopped() -> None:
-    status, output, said = run_trueroll(("--version",), LONGEST_S, lambda: False)
+    status, output, remarks = run_trueroll(("--version",), LONGEST_S, lambda: False)
     assert status == 0
     assert output.startswith("trueroll ")
-    assert said == []
-    status, _, said = run_trueroll(("call", "$(touch x); nowhere"), LONGEST_S, lambda: False)
-    assert (status, said != []) == (2, True)
+    assert remarks == []
+    status, _, remarks = run_trueroll(("call", "$(touch x); nowhere"), LONGEST_S, lambda: False)
+    assert (status, remarks != []) == (2, True)
     begins = time.monotonic()
     assert run_trueroll(("--version",), LONGEST_S, lambda: True) == (None, "", ["It was stopped."])
     assert run_trueroll(("--version",), 0.0, lambda: False) == (None, "", ["It took more than 0 minutes."])
@@ -431,17 +432,17 @@ def test_past_jobs_are_looked_for_while_others_are_added(tmp_path: Path, monkeyp
 def test_a_command_that_fails_over_earlier_results_has_failed(
     status: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    said = ["Left out: a shot.", "It failed."]
-    monkeypatch.setattr(job_queue, "run_trueroll", lambda *rest: (status, "", said))
     root = tmp_path / "library"
+    remarks = ["fitting a shot", f"Left out: {root}/a.", f"{root}/b failed."]
+    monkeypatch.setattr(job_queue, "run_trueroll", lambda *rest: (status, "", remarks))
     for name in ("earlier", "empty"):
         (root / "sessions" / name).mkdir(parents=True)
     (root / "sessions" / "earlier" / "session.json").write_text("{}")
     with open_queue(root) as queue:
         earlier, empty = (queue.add_command("C", ["compare"], root / "sessions" / name)["id"]
                           for name in ("earlier", "empty"))  # fmt: skip
-        wait_for(queue, earlier, state="failed" if status else "done", found=said[:1] if status else said)
-        wait_for(queue, empty, state="failed", error="It failed.", found=said[:1])
+        wait_for(queue, earlier, state="failed" if status else "done", found=["Left out: a."])
+        wait_for(queue, empty, state="failed", error="b failed.", found=["Left out: a."])
         for job in (earlier, empty):
             queue.dismiss(job)
     assert [path.name for path in (root / "sessions").iterdir()] == ["earlier"]

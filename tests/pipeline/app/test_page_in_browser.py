@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import shutil
+import time
 from collections.abc import Callable, Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 from selenium import webdriver
 from selenium.common.exceptions import ElementClickInterceptedException, StaleElementReferenceException
@@ -19,7 +24,7 @@ from support.browser import HANG_S, accessibility_violations, console_messages, 
 from support.carom_start import Home
 
 from pipeline.app.app_server import AppServer
-from pipeline.app.job_queue import OPEN_STATES
+from pipeline.app.job_queue import OPEN_STATES, Job, JobQueue
 from pipeline.app.shot_library import Card, ShotLibrary
 from pipeline.io.corrections_file import read_corrections
 
@@ -320,3 +325,43 @@ def test_what_is_asked_last_is_shown(is_final: bool, browser: webdriver.Chrome, 
         browser.get("about:blank")
     assert moved == [["1 quickly", "2 quickly", *(() if is_final else ("2",))], "2 quickly" if is_final else "2"]
     assert predicted == [["predicted"], "predicted"]
+
+
+def test_corners_are_marked_on_a_clip_whose_table_was_not_found(browser: webdriver.Chrome, tmp_path: Path) -> None:
+    with serve_app(tmp_path) as server:
+        queue = server.queue
+        home = server.library.own / "queue"
+        home.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(home / "1.jpg"), np.full((360, 640, 3), 90, np.uint8))
+        failed = Job("1", "far.mp4", "far", str(tmp_path / "far.mp4"), state="failed", error="far.mp4 shows no table",
+                     remedy="corners", frame_size=(1280, 720), preview_revision=1, ended=time.time())  # fmt: skip
+        (home / "1.json").write_text(json.dumps(asdict(failed)))
+        visitor = Visitor(browser)
+        browser.get(server.url)
+        visitor.click(".small-job .main")
+        picture = visitor.find("#corner-frame")
+        visitor.wait(lambda: picture.get_property("naturalWidth"))
+        assert accessibility_violations(browser) == []
+        handles = browser.find_elements(By.CSS_SELECTOR, ".corner-handle")
+        webdriver.ActionChains(browser).click_and_hold(handles[0]).move_by_offset(-30, -20).perform()
+        assert visitor.find("#lens")
+        webdriver.ActionChains(browser).release().perform()
+        handles[2].send_keys(Keys.SHIFT, Keys.ARROW_RIGHT)
+        Select(visitor.find("#corner-sport")).select_by_value("tennis")
+        width, height = picture.size["width"], picture.size["height"]
+        visitor.click("dialog .main")
+        visitor.wait(lambda: "corners" in read_settings(queue))
+        browser.get("about:blank")
+    settings = read_settings(queue)
+    shares = (np.array(settings["corners"].split(","), float).reshape(4, 2) + 0.5) / [1280, 720]
+    moved = [[0.2 - 30 / width, 0.25 - 20 / height], [0.8, 0.25], [0.8 + 10 / width, 0.75], [0.2, 0.75]]
+    assert shares == pytest.approx(np.array(moved), abs=1.5 / height)
+    assert settings["sport"] == "tennis"
+
+
+def read_settings(queue: JobQueue) -> dict[str, Any]:
+    """Read the settings that were given to the only job of a queue."""
+    (path,) = queue._home.glob("*.json")
+    settings = json.loads(path.read_text())["settings"]
+    assert isinstance(settings, dict)
+    return settings

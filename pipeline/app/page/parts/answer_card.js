@@ -1,5 +1,5 @@
 // The answer to the last question; at first, to the one that everybody asks: which ball was hit first?
-import { html, useState } from "../html.js";
+import { html, useEffect, useRef, useState } from "../html.js";
 import { useStore } from "../store.js";
 import { text } from "../strings.js";
 
@@ -7,6 +7,13 @@ export function AnswerCard({ shot }) {
   const { answer, isAsking } = useStore(shot.desk);
   const { doc } = useStore(shot.state);
   const [missing, setMissing] = useState("");
+  const box = useRef(null);
+  const asked = JSON.stringify(answer?.asked);
+  const before = useRef(asked);
+  useEffect(() => { // whoever asks on a phone sees the answer, which lies above the question
+    if (before.current && before.current !== asked) box.current?.scrollIntoView({ block: "nearest" });
+    before.current = asked;
+  }, [asked]);
   if (!answer) {
     return html`<section class="answer" aria-label=${text.answer.label} aria-busy=${isAsking}>
       <p class="sentence">${isAsking ? text.answer.asking : doc.summary?.[0] ?? text.answer.none}</p></section>`;
@@ -16,7 +23,7 @@ export function AnswerCard({ shot }) {
   const { question, verdict, probability, sentence, t, t_sigma: sigma, reasons, picture, rows } = answer;
   const { margin_mm: margin, margin_sigma_mm: marginSigma } = answer;
   const isUnsure = !(probability >= 0.9);
-  return html`<section class=${`answer ${isAsking ? "busy" : ""}`} aria-label=${text.answer.label} aria-live="polite">
+  return html`<section ref=${box} class=${`answer ${isAsking ? "busy" : ""}`} aria-label=${text.answer.label} aria-live="polite">
     <p class="question">${question}</p>
     <p class="verdict"><strong>${verdict}</strong>${Number.isFinite(probability)
       && html`<span class=${`sure ${isUnsure ? "unsure" : ""}`}>${text.answer.sure(probability)}</span>`}</p>

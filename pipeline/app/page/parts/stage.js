@@ -69,8 +69,10 @@ function FrameImage({ shot }) {
   const { row } = useStore(shot.player.clock);
   const { distinct } = shot.player.frames;
   const frame = distinct[row];
+  const [isShown, setIsShown] = useState(false); // frames are decoded when the first one is asked for
   useEffect(() => {
     for (let k = 1; k <= AHEAD; k += 1) if (distinct[row + k] !== undefined) new Image().src = shot.frameAddress(distinct[row + k]);
   }, [row]);
-  return html`<img id="frame" src=${shot.frameAddress(frame)} alt=${text.stage.frame(frame)} draggable=${false} />`;
+  return html`<img id="frame" src=${shot.frameAddress(frame)} alt=${text.stage.frame(frame)} draggable=${false}
+      onLoad=${() => setIsShown(true)} />${!isShown && html`<p class="missing" role="status">${text.stage.loading}</p>`}`;
 }

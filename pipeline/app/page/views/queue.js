@@ -88,7 +88,7 @@ function SmallJob({ job }) {
   const [isMarking, setIsMarking] = useState(false);
   const notes = job.action ? job.found ?? [] : [];
   return html`<div class="job small-job ${job.state}">
-    <div class="job-name">${job.error?.startsWith(job.name) ? "" : job.name}<span class="job-state">${job.error || card?.outcome || text.queue.states[job.state]}</span>
+    <div class="job-name">${!job.error?.startsWith(job.name) && html`<span>${job.name}</span>`}<span class="job-state">${job.error || card?.outcome || text.queue.states[job.state]}</span>
       ${notes.length > 0 && html`<details><summary>${text.queue.notes(notes.length)}</summary>
         <ul>${notes.map((one) => html`<li key=${one}>${one}</li>`)}</ul></details>`}</div>
     ${job.state === "failed" && job.preview && NEED_CORNERS.includes(job.remedy) && html`<button class="main"
