@@ -20,7 +20,7 @@ from rich.table import Table
 
 from benchmarks.court_cases.court_answers import Impairment, make_candidates
 from benchmarks.court_cases.court_clips import CourtCase, CourtTruth, film_case, read_truth
-from benchmarks.court_cases.court_scores import CERTAIN_FRAMES, true_events
+from benchmarks.court_cases.court_scores import CERTAIN_FRAMES
 from benchmarks.courts import SPORTS
 from models.core.progress import ignore_progress
 from models.core.rally import Rally, RallyEvent
@@ -103,7 +103,7 @@ def count_departures(truth: CourtTruth) -> list[int]:
     """Count the events of a simulated rally that break the rules, and all of them."""
     sport = truth.scene.sport
     belief, steps = start_play(sport), list[bool]()
-    for event in true_events(truth):
+    for event in truth.stated["events"]:
         place = np.array(event["place"])
         is_off = np.array(event["kind"] != "hit" and sport.is_beside_table(place[2]))
         where = locate_event(place[0], np.array(1e-3), is_off, sport)
