@@ -1,6 +1,6 @@
 """How often stated events are right, as `benchmarks.calibrate_rallies` counts it on 24 simulated rallies.
 
-docs/explanation/rallies.md states the counts. Two shares are not measured: those of breaks of the rules and of evidence.
+docs/explanation/rallies.md states the counts. The shares of breaks of the rules and of the evidence are not measured.
 """
 
 # Of first hits of which only the flight behind them is seen, and of hits so near the ground that they may be bounces.
