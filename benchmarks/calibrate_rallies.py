@@ -49,8 +49,8 @@ def main() -> None:
             truth = read_truth(film_case(CourtCase(sport, number, options.seed, (2, 6)), options.out))
             candidates = make_candidates(truth, Impairment(options.missing, options.clutter))
             t = truth.columns["t"]
-            found = find_explanations(truth.scene, candidates, np.arange(len(t)), t, ignore_progress)
-            for name, is_counted in classify_events(truth, combine_explanations(found)):
+            explanations = find_explanations(truth.scene, candidates, np.arange(len(t)), t, ignore_progress)
+            for name, is_counted in classify_events(truth, combine_explanations(explanations)):
                 counts[name][0] += is_counted
                 counts[name][1] += 1
             for k, count in enumerate(count_departures(truth)):

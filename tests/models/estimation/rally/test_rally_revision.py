@@ -34,7 +34,9 @@ def film_flights(flights: list[FloatArray], moments: FloatArray) -> FlightObserv
     """Film flights that follow each other at moments (F + 1,), s, 50 times per s."""
     t = np.arange(moments[0] + 0.01, moments[-1] - 0.01, 0.02)
     rows = np.searchsorted(moments, t) - 1
-    xyz = np.array([fly(flights[k], np.array([now - moments[k]]), TURN).states[0, :3] for k, now in zip(rows, t)])
+    xyz = np.array(
+        [fly(flights[k], np.array([now - moments[k]]), TURN).states[0, :3] for k, now in zip(rows, t, strict=True)]
+    )
     camera = usual_view(SPORT).camera
     px = camera.to_pixels(xyz) + np.random.default_rng(0).normal(0, 0.7, (len(t), 2))
     return prepare_observations(camera, np.arange(len(t)), t, px, np.zeros((len(t), 2)), np.full((len(t), 2), 0.7))
