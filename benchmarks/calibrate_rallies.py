@@ -56,7 +56,7 @@ def main() -> None:
             for k, count in enumerate(count_departures(truth)):
                 counts["against the rules"][k] += count
             for share in costs:
-                costs[share] += weigh_statements(truth, combine_explanations(found, share))
+                costs[share] += weigh_statements(truth, combine_explanations(explanations, share))
         console.print(make_table(counts, costs, 3 * (number + 1)))
 
 
