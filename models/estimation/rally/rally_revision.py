@@ -120,6 +120,7 @@ def revise_structures(observed: FlightObservations, sport: Sport, fits: list[Ral
 def _revise(
     observed: FlightObservations, sport: Sport, fit: RallyFit, past: dict[tuple[object, ...], _Trial | None]
 ) -> Revision:
+    """Improve an explanation, and its rivals where one of them comes out better."""
     revision = _improve(observed, sport, fit, past)
     for _ in range(_MOST_PASSES):
         # a rival that was fitted wholly may have come out better than it seemed beside its neighbours alone
