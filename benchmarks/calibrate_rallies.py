@@ -20,7 +20,7 @@ from rich.table import Table
 
 from benchmarks.court_cases.court_answers import Impairment, make_candidates
 from benchmarks.court_cases.court_clips import CourtCase, CourtTruth, film_case, read_truth
-from benchmarks.court_cases.court_scores import CERTAIN_FRAMES, true_events
+from benchmarks.court_cases.court_scores import CERTAIN_FRAMES
 from benchmarks.courts import SPORTS
 from models.core.progress import ignore_progress
 from models.core.rally import Rally, RallyEvent
@@ -49,14 +49,14 @@ def main() -> None:
             truth = read_truth(film_case(CourtCase(sport, number, options.seed, (2, 6)), options.out))
             candidates = make_candidates(truth, Impairment(options.missing, options.clutter))
             t = truth.columns["t"]
-            found = find_explanations(truth.scene, candidates, np.arange(len(t)), t, ignore_progress)
-            for name, is_counted in classify_events(truth, combine_explanations(found)):
+            explanations = find_explanations(truth.scene, candidates, np.arange(len(t)), t, ignore_progress)
+            for name, is_counted in classify_events(truth, combine_explanations(explanations)):
                 counts[name][0] += is_counted
                 counts[name][1] += 1
             for k, count in enumerate(count_departures(truth)):
                 counts["against the rules"][k] += count
             for share in costs:
-                costs[share] += weigh_statements(truth, combine_explanations(found, share))
+                costs[share] += weigh_statements(truth, combine_explanations(explanations, share))
         console.print(make_table(counts, costs, 3 * (number + 1)))
 
 
@@ -103,7 +103,7 @@ def count_departures(truth: CourtTruth) -> list[int]:
     """Count the events of a simulated rally that break the rules, and all of them."""
     sport = truth.scene.sport
     belief, steps = start_play(sport), list[bool]()
-    for event in true_events(truth):
+    for event in truth.stated["events"]:
         place = np.array(event["place"])
         is_off = np.array(event["kind"] != "hit" and sport.is_beside_table(place[2]))
         where = locate_event(place[0], np.array(1e-3), is_off, sport)

@@ -167,17 +167,17 @@ def _weigh_doubts(doubts: tuple[Doubt, ...], kind: RallyEventKind, t: float, int
     return 1 / (1 + sum(float(np.exp(share * doubt.gain)) for doubt in near))
 
 
-def combine_explanations(found: RallyExplanations, share: float = EVIDENCE_SHARE) -> Rally:
+def combine_explanations(explanations: RallyExplanations, share: float = EVIDENCE_SHARE) -> Rally:
     """Weigh the events and the landing of the best rally by all explanations.
 
     Args:
-        found: Explanations.
+        explanations: Explanations.
         share: Share of the evidence that counts.
     """
-    rallies, doubts, best = found.rallies, found.doubts, found.rallies[0]
+    rallies, doubts, best = explanations.rallies, explanations.doubts, explanations.rallies[0]
     if not best.flights:
         return best
-    weights = np.exp(share * (found.evidence - found.evidence.max()))
+    weights = np.exp(share * (explanations.evidence - explanations.evidence.max()))
     weights, interval = weights / weights.sum(), float(np.median(np.diff(best.t)))
     events = []
     for event in best.events:

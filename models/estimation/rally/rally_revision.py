@@ -47,6 +47,8 @@ _FEW, _SHORT = 5, 0.3
 _FAR_SIGMAS, _NEAR_SURFACE = 4.0, 0.15
 # s from such a hit to the bounce before it, and to the hit itself.
 _RISE = (-0.04, 0.08)
+# m by which a hit may lie elsewhere where the object leaves it in the other direction.
+_TURN_SIGMA = 1.0
 # Share of the length of the court by which the depth of a hit may be wrong where it is a bounce.
 _DEPTH_SHARE = 0.5
 # Natural logarithm of the evidence by which a rival may be worse and still counts.
@@ -84,6 +86,8 @@ class _Variant:
     """(P,) initial values."""
     pins: dict[int, Pin] = field(default_factory=dict)
     """Places of the events that move to the surface: the flights beside these are first fitted through them."""
+    heading: float = 0.0
+    """Sign of the speed along the court with which only the flight after the event is first fitted; 0 for any."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +120,7 @@ def revise_structures(observed: FlightObservations, sport: Sport, fits: list[Ral
 def _revise(
     observed: FlightObservations, sport: Sport, fit: RallyFit, past: dict[tuple[object, ...], _Trial | None]
 ) -> Revision:
+    """Improve an explanation, and its rivals where one of them comes out better."""
     revision = _improve(observed, sport, fit, past)
     for _ in range(_MOST_PASSES):
         # a rival that was fitted wholly may have come out better than it seemed beside its neighbours alone
@@ -307,8 +312,11 @@ def _vary(observed: FlightObservations, sport: Sport, fit: RallyFit) -> Iterator
         if structure.kinds[k] == "hit" and not doubtful:
             place, way = values[flight_slice(k)][[0, 3]]
             came = fly(values[flight_slice(k - 1)], starts[[k]] - starts[k - 1], structure.turn_length(k - 1, sport))
-            # a player sends the object back, and to the other half
+            # a player sends the object back, and to the other half; one camera may take either direction for the other
             doubtful = bool(way * came.states[0, 3] > 0 or (place < sport.length / 2) != (way > 0))
+            if doubtful:
+                pin = Pin(float(starts[k]), values[flight_slice(k)][:3], np.full(3, _TURN_SIGMA))
+                yield _Variant(k, structure, values, {k: pin}, -float(np.sign(way)))
         if doubtful:
             yield _merge(fit, k, bool(sizes[k] > sizes[k - 1]), sport)
     for k in range(1, count):
@@ -411,15 +419,16 @@ def _may_bounce(pin: Pin, place: FloatArray, sigma: float, sport: Sport) -> bool
 
 
 def _pin_flights(observed: FlightObservations, sport: Sport, variant: _Variant) -> FloatArray:
-    """Fit the flights on both sides of events that move to the surface through their places; return all values."""
+    """Fit the flights beside the pinned events of a variant through their places; return all values."""
     structure, values, prior = variant.structure, variant.values.copy(), build_flight_prior(sport)
     rows_of = assign_times(observed.t, structure, values)
-    for j in sorted({j for k in variant.pins for j in (k - 1, k)}):
+    flights = {j for k in variant.pins for j in (k - 1, k)} if variant.heading == 0 else {variant.event}
+    for j in sorted(flights):
         if len(rows_of[j]) < 2:
             continue
         part, turns = observed.select(rows_of[j]), structure.kinds[j] in (None, "hit")
         pins = tuple(variant.pins[k] for k in (j, j + 1) if k in variant.pins)
-        flight = fit_single_flight(part, sport, prior, turns, pins=pins)
+        flight = fit_single_flight(part, sport, prior, turns, variant.heading, pins)
         if flight is None:
             continue
         moved = fly(flight.parameters, np.array([values[start_row(j, len(structure))] - part.t[0]]), 0.0).states[0]

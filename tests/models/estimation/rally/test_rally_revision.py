@@ -1,0 +1,64 @@
+"""Doubtful events of a rally, tried otherwise."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from models.core.typing import FloatArray
+from models.estimation.rally.flight_fit import (
+    RallyFit,
+    RallyStructure,
+    flight_slice,
+    refine_fit,
+)
+from models.estimation.rally.flight_observations import FlightObservations, prepare_observations
+from models.estimation.rally.rally_revision import revise_structures
+from models.estimation.rally.single_flight import build_flight_prior
+from models.physics.flight.flight_motion import fly
+from models.sports.badminton import SPORT
+from tests.support.simple_rallies import usual_view
+
+TURN = SPORT.object.turn_length
+KINDS: tuple[Literal["hit"], ...] = ("hit", "hit")
+
+
+def state_flight(*state: float) -> FloatArray:
+    p = build_flight_prior(SPORT).mean.copy()
+    p[:6] = state
+    return p
+
+
+def film_flights(flights: list[FloatArray], moments: FloatArray) -> FlightObservations:
+    """Film flights that follow each other at moments (F + 1,), s, 50 times per s."""
+    t = np.arange(moments[0] + 0.01, moments[-1] - 0.01, 0.02)
+    rows = np.searchsorted(moments, t) - 1
+    xyz = np.array(
+        [fly(flights[k], np.array([now - moments[k]]), TURN).states[0, :3] for k, now in zip(rows, t, strict=True)]
+    )
+    camera = usual_view(SPORT).camera
+    px = camera.to_pixels(xyz) + np.random.default_rng(0).normal(0, 0.7, (len(t), 2))
+    return prepare_observations(camera, np.arange(len(t)), t, px, np.zeros((len(t), 2)), np.full((len(t), 2), 0.7))
+
+
+def fit_from(observed: FlightObservations, flights: list[FloatArray], moments: FloatArray) -> RallyFit | None:
+    structure = RallyStructure(KINDS, (False, True), moments[:2], moments[1:], np.zeros(2))
+    shared = flights[0][[6, 11, 10, 12]]
+    return refine_fit(observed, SPORT, structure, np.concatenate([shared, *flights, moments[:2]]))
+
+
+def test_a_stroke_that_seems_to_fly_on_is_tried_in_the_other_direction() -> None:
+    there = state_flight(2.0, 2.5, 1.5, 24.0, 0.5, 14.0)
+    turning = fly(there, np.array([1.2]), TURN).states[0, :3]
+    back = state_flight(*turning, -45.0, 1.0, 8.0)
+    moments = np.array([0.0, 1.2, 2.2])
+    observed = film_flights([there, back], moments)
+    wrong = back.copy()
+    wrong[3] = 20.0
+    fit = fit_from(observed, [there, wrong], moments)
+    assert fit is not None
+    best = revise_structures(observed, SPORT, [fit])[0].best
+    assert fit.values[flight_slice(1)][3] > 0
+    assert best.values[flight_slice(1)][3] < -20
+    assert best.evidence > fit.evidence + 1000
