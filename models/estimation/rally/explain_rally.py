@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from models.core.corrections import NO_CORRECTIONS, BallMark, Corrections
 from models.core.court import Sport
 from models.core.court_camera import CourtScene
 from models.core.progress import Progress
@@ -22,6 +23,7 @@ from models.estimation.rally.flight_fit import (
     start_row,
 )
 from models.estimation.rally.flight_observations import (
+    EventMark,
     FlightObservations,
     stabilize_places,
 )
@@ -32,6 +34,13 @@ from models.estimation.rally.initial_flights import align_flights
 from models.estimation.rally.landing_hypotheses import merge_landings
 from models.estimation.rally.play_order import judge_order, locate_event
 from models.estimation.rally.rally_building import build_rally, weigh_flights
+from models.estimation.rally.rally_marks import (
+    choose_placed,
+    correct_candidates,
+    find_contradicted,
+    resolve_marks,
+    settle_marks,
+)
 from models.estimation.rally.rally_revision import WORST_RIVAL, Doubt, leave_out_flights, revise_structure, weigh_fit
 
 # Natural logarithm of the probability that an explanation is right although another fits better by as much: evidence
@@ -50,7 +59,12 @@ _MOST_SEQUENCES = 2
 
 
 def explain_rally(
-    scene: CourtScene, candidates: BallCandidates, frame: IntArray, t: FloatArray, progress: Progress
+    scene: CourtScene,
+    candidates: BallCandidates,
+    frame: IntArray,
+    t: FloatArray,
+    progress: Progress,
+    corrections: Corrections = NO_CORRECTIONS,
 ) -> Rally:
     """Explain the candidates of a clip as one rally.
 
@@ -60,14 +74,33 @@ def explain_rally(
         frame: (T,) indices of the distinct frames in the file.
         t: (T,) s.
         progress: Receives the finished share.
+        corrections: Places and events that a person marked, which are taken as given.
 
     Returns:
         The most probable rally; without flights where nothing flies.
     """
+    candidates, marks = correct_candidates(candidates, corrections.balls), resolve_marks(corrections.events, frame, t)
+    rally = _explain(scene, candidates, frame, t, progress, corrections.balls, marks)
+    if lost := find_contradicted(rally, marks):  # it must not cost what is right
+        others = tuple(mark for mark in marks if mark not in lost)
+        rally = _explain(scene, candidates, frame, t, progress, corrections.balls, others)
+    return settle_marks(rally, corrections.balls, marks)
+
+
+def _explain(
+    scene: CourtScene,
+    candidates: BallCandidates,
+    frame: IntArray,
+    t: FloatArray,
+    progress: Progress,
+    places: tuple[BallMark, ...],
+    marks: tuple[EventMark, ...],
+) -> Rally:
+    """Explain the candidates, with the marks as part of the evidence."""
     sport = scene.sport
-    chosen = associate_candidates(scene, candidates, frame, t)
+    chosen = choose_placed(associate_candidates(scene, candidates, frame, t), candidates, frame, places)
     progress(0.2)
-    sight = look_at_candidates(scene, candidates, frame, t, chosen)
+    sight = look_at_candidates(scene, candidates, frame, t, chosen, marks)
     px = stabilize_places(scene.camera, frame[sight.rows], candidates.centre[chosen[sight.rows]])
     hypotheses = segment_rally(sight.observed, px, sport, lambda share: progress(0.2 + 0.4 * share))
     fits: list[RallyFit] = []
@@ -88,8 +121,9 @@ def explain_rally(
     others = [*(revision.best for revision in revisions[1:]), *fits]
     fits = [revised.best, *revised.rivals, *(fit for fit in others if not _are_same(fit, revised.best))]
     chosen = choose_candidates(scene, candidates, frame, t, sight.chosen, fits[0])
+    chosen = choose_placed(chosen, candidates, frame, places)
     if (chosen != sight.chosen).any():
-        sight = look_at_candidates(scene, candidates, frame, t, chosen)
+        sight = look_at_candidates(scene, candidates, frame, t, chosen, marks)
         refined = (refine_fit(sight.observed, sport, fit.structure, fit.values) for fit in fits)
         fits = [fit for fit in refined if fit is not None] or fits
     fits = [_leave_out_unlikely(fit, sight, candidates, sport) for fit in _select_fits(fits, sight.observed)]
