@@ -289,8 +289,8 @@ def run_tables(
     """
     if options.court.has_court:
         raise OptionError(
-            f"the page does not correct {options.court.sport}; write what is wrong into {corrections_path(clip)}, and use"
-            " trueroll run"
+            f"the page does not correct {options.court.sport}; write what is wrong into {corrections_path(clip)}, and"
+            " use trueroll run"
         )
     require_writable_folder(folder)
     require_clip_not_overwritten(clip, folder)
