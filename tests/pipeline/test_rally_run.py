@@ -187,7 +187,6 @@ def test_the_height_over_the_net_has_an_error(courts: Home) -> None:
         (("predict", "--at", "99"), "--at lies within what was seen, 0.500"),
         (("what-if",), "holds a rally of badminton"),
         (("edit", "--no-browser"), "holds a rally, which the page does not correct; write what is wrong into"),
-        (("diagnose",), "rally"),
         (("put-back",), "rally"),
         (("compare",), "rally"),
         (("fit-table",), "rally"),
@@ -202,6 +201,14 @@ def test_what_cannot_be_asked_of_a_rally_is_one_sentence(
     assert done.status in (1, 2)
     assert sentence in " ".join(done.err.split())
     assert "Traceback" not in done.err
+
+
+def test_the_flights_of_a_rally_are_diagnosed_in_the_image(courts: Home, tmp_path: Path) -> None:
+    done = run_program("diagnose", courts.out, "-o", tmp_path / "gap", "--json")
+    document = json.loads(done.out)
+    assert (document["scene"], document["model"], document["gap"]["metric"]) == ("flight", ["air_drag"], "rms_px")
+    assert document["verdict"] == "undecidable"  # of one flight
+    assert (tmp_path / "gap" / "gap.html").is_file()
 
 
 def test_a_rally_is_predicted_from_what_was_seen_until_then(courts: Home, tmp_path: Path) -> None:
