@@ -223,7 +223,9 @@ def _read_rally_flights(folder: Path) -> TrackFolder:
     flights = record_flights(rally)
     if not flights:
         raise OptionError(f"{folder} has no flight that was seen in {LEAST_PLACES} frames after its turn-over")
-    model = ["air_drag", *(["magnus"] if rally.scene.sport.object.lift else [])]
+    item = rally.scene.sport.object
+    # what lifts a shuttle is over with its turn-over
+    model = ["air_drag", *(["magnus"] if item.lift and not item.turn_length else [])]
     note = f"{folder} holds a rally that one camera saw: {len(flights)} flights are compared in the image, in px"
     return TrackFolder(SceneEntry(scene="flight", model=model), flights, notes=(note,))
 
