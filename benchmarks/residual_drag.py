@@ -3,10 +3,10 @@
     python -m benchmarks.residual_drag [FILE.csv]
 
 The drag of the law of flight is multiplied by 1 + w, with w a network of radial basis functions: over the speed, over
-the length of path since the hit, along which a shuttle turns from lying across its path to flying
-with the nose ahead, or over both. Its weights are fitted together with all training flights, each of which keeps a place, velocity,
-drag, scale and change of distance of its own. Flights that were held out (five folds) are fitted with these weights
-fixed, to their first 60 %, and continued; the table states the error of the whole fit and of the continuation.
+the length of path since the hit, along which a shuttle turns from lying across its path to flying with the nose ahead,
+or over both. Its weights are fitted together with all training flights, each of which keeps a place, velocity, drag,
+scale and change of distance of its own. Flights that were held out (five folds) are fitted with these weights fixed, to
+their first 60 %, and continued; the table states the error of the whole fit and of the continuation.
 """
 
 from __future__ import annotations

@@ -35,7 +35,8 @@ def read_marks(folder: Path) -> FloatArray:
     if (folder / "truth.npz").exists():
         columns = read_truth(folder).columns
         return np.where(columns["is_visible"][:, None], columns["px"], np.nan)
-    _, seen, x, y = np.loadtxt(folder / "shuttle.csv", delimiter=",", skiprows=1).T
+    # the file lacks the first frame of those that were marked
+    _, seen, x, y = np.loadtxt(folder / "shuttle.csv", delimiter=",", skiprows=2).T
     return np.where(seen[:, None] > 0, np.column_stack([x, y]), np.nan)
 
 
