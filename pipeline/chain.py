@@ -120,7 +120,7 @@ def build_run_graph(
     """
     digest = hash_clip(clip) if shot is None else shot.whole.digest
     own = honour_corrections(clip, digest, options, shot)
-    return _build_graph(clip, digest, own, options.court.has_court, shot, executor, memory)
+    return _build_graph(clip, digest, own, own.court.has_court, shot, executor, memory)
 
 
 def build_court_graph(
@@ -186,9 +186,9 @@ def _build_graph(
     name = digest if shot is None else f"{shot.name}-{digest}"
     if has_court:
         page = RallyPageOptions(title, options.render.slow, settings)
-        outputs = rally_output_stages(page, options.render)
+        outputs = rally_output_stages(page, options.render, options.corrections)
         return StageGraph.from_stages(
-            (read, court_stage(options.court), candidates_stage(), rally_stage(), *outputs), name
+            (read, court_stage(options.court), candidates_stage(), rally_stage(options.corrections), *outputs), name
         )
     stages = (
         read,
@@ -240,7 +240,7 @@ def explain_clip(
         TruerollError: The clip or an option cannot be used.
     """
     court = build_court_graph(clip, options, memory=memory).select("rally")
-    if not options.court.has_court:
+    if not honour_corrections(clip, hash_clip(clip), options).court.has_court:
         try:
             return run_shot_graph(build_shot_graph(clip, options, memory), cache, watcher)
         except TableNotFound as refusal:
@@ -288,7 +288,10 @@ def run_tables(
         TruerollError: The clip or an option cannot be used. No unfinished file remains.
     """
     if options.court.has_court:
-        raise OptionError(f"corrections by hand are for billiards, not yet for {options.court.sport}; use trueroll run")
+        raise OptionError(
+            f"the page does not correct {options.court.sport}; write what is wrong into {corrections_path(clip)}, and"
+            " use trueroll run"
+        )
     require_writable_folder(folder)
     require_clip_not_overwritten(clip, folder)
     with open_frame_memory() as memory:
@@ -368,7 +371,7 @@ def run_clip(
     corrections = _read_own_corrections(clip, digest, shot)
     corrected = apply_corrections(options, corrections)
     memory = memory or open_frame_memory()
-    has_court = options.court.has_court
+    has_court = corrected.court.has_court
     graph = _build_graph(clip, digest, corrected, has_court, shot, executor, memory)
     require_writable_folder(folder)
     require_clip_not_overwritten(clip, folder)

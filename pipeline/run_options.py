@@ -18,7 +18,7 @@ from video.io.video_options import RenderOptions
 # Stages with options, in the order of the help.
 OPTION_STAGES = ("read", "calibrate", "court", "detect", "track", "fit", "render")
 # Settings that a person can correct; fields of `Corrections` have the same names.
-CORRECTED_SETTINGS = ("corners", "table", "ball_radius", "fps")
+CORRECTED_SETTINGS = ("corners", "sport", "table", "ball_radius", "fps")
 # Settings whose value is the content of a file.
 FILE_SETTINGS = ("profile", "looks")
 

@@ -74,6 +74,11 @@ def load_or_make_rivals(stem: Path, reuse: bool, make: Callable[[], FramesByMeth
 
 def make_rival_frames(withheld: WithheldClip, frames: list[np.ndarray], places: list[int]) -> FramesByMethod:
     """Make the frames of every rival at the given indices."""
+    return make_plain_rivals(withheld, frames, places) | make_rife_frames(withheld, frames, places)
+
+
+def make_plain_rivals(withheld: WithheldClip, frames: list[np.ndarray], places: list[int]) -> FramesByMethod:
+    """Make the frames of the rivals that need no environment of their own."""
     blends, flows, compensated = {}, {}, {}
     for row in sorted({place // withheld.step for place in places}):
         low, high = max(row - 1, 0), min(row + 3, len(withheld.visible))
@@ -85,8 +90,7 @@ def make_rival_frames(withheld: WithheldClip, frames: list[np.ndarray], places: 
             blends[place] = blend_frames(*flow.frames, share)
             flows[place] = flow.synthesize(share)
             compensated[place] = by_ffmpeg[place - low * withheld.step]
-    made = dict(zip(RIVALS, (blends, flows, compensated), strict=False))
-    return made | make_rife_frames(withheld, frames, places)
+    return dict(zip(RIVALS, (blends, flows, compensated), strict=False))
 
 
 def make_rife_frames(withheld: WithheldClip, frames: list[np.ndarray], places: list[int]) -> FramesByMethod:

@@ -373,7 +373,7 @@ def _describe_unexplained(
     size = float(np.sqrt(np.maximum(closure.after**2 - closure.floor**2, 0.0)))
     reference = study.residuals_after.reference
     law = None
-    if lacks_force:
+    if lacks_force and reference.unit != "px":  # an acceleration in the image is no force
         # where the named effects are no answer, what the simulator lacks is what it lacks without them
         without = study.base if study.unknown_evidence.is_unknown else study.full
         law = find_force_law(measure_resolved_acceleration(study.problem, without), reference.coordinates)

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from models.core.rally import RallyEventKind
 from models.core.scene import CUSHIONS
 from models.core.tracks import KINDS
 from models.core.typing import FloatArray, IntArray
@@ -127,15 +128,11 @@ class ContactCorrection:
     """New time in frames of `move`."""
 
     def __post_init__(self) -> None:
-        _require_frame(self.frame)
+        _require_times(self.kind, self.frame, self.to_frame)
         if (self.other is None) == (self.cause == "ball"):
             raise ValueError("a contact with a ball, and no other one, names the other ball")
         if (self.cushion in CUSHIONS) != (self.cause == "cushion") or (self.cushion and self.cause != "cushion"):
             raise ValueError(f"a contact with a cushion, and no other one, names one of {', '.join(CUSHIONS)}")
-        if (self.to_frame is None) == (self.kind == "move"):
-            raise ValueError("move, and no other mark, has a new time to_frame")
-        if self.to_frame is not None:
-            _require_frame(self.to_frame)
 
     @property
     def at(self) -> float:
@@ -144,11 +141,28 @@ class ContactCorrection:
 
 
 @dataclass(frozen=True, slots=True)
+class RallyCorrection:
+    """An event of a rally that was missed, is at another time, or did not happen."""
+
+    kind: ContactCorrectionKind
+    event: RallyEventKind
+    frame: float
+    """Time of the event in frames, fractional, as in events.csv."""
+    to_frame: float | None = None
+    """New time in frames of `move`."""
+
+    def __post_init__(self) -> None:
+        _require_times(self.kind, self.frame, self.to_frame)
+
+
+@dataclass(frozen=True, slots=True)
 class Corrections:
     """All corrections of a clip; None and empty where nothing was set by hand."""
 
     corners: tuple[tuple[float, float], ...] | None = None
-    """Corners of the playing surface, px."""
+    """Corners of the playing surface or of the court, px."""
+    sport: str | None = None
+    """Sport of a rally as in the option --sport."""
     table: str | None = None
     """Table as in the option --table."""
     ball_radius: float | None = None
@@ -158,6 +172,8 @@ class Corrections:
     balls: tuple[BallMark, ...] = ()
     tracks: tuple[TrackEdit, ...] = ()
     contacts: tuple[ContactCorrection, ...] = ()
+    events: tuple[RallyCorrection, ...] = ()
+    """Of a rally."""
 
     def __post_init__(self) -> None:
         corners = self.corners or ((0.0, 0.0),) * 4
@@ -180,6 +196,7 @@ class Corrections:
             contacts=tuple(
                 one for one in self.contacts if is_inside(one.ball, one.other) and min(one.frame, one.at) >= first
             ),
+            events=tuple(one for one in self.events if first <= one.frame < stop),
         )
 
 
@@ -195,6 +212,14 @@ def is_ball_name(name: str) -> bool:
 def _require_frame(frame: float) -> None:
     if not 0 <= frame <= LARGEST_FRAME:
         raise ValueError(f"a frame is a number from 0 to {LARGEST_FRAME:.0f}; got {frame}")
+
+
+def _require_times(kind: ContactCorrectionKind, frame: float, to_frame: float | None) -> None:
+    _require_frame(frame)
+    if (to_frame is None) == (kind == "move"):
+        raise ValueError("move, and no other mark, has a new time to_frame")
+    if to_frame is not None:
+        _require_frame(to_frame)
 
 
 def _require_span(first: int | None, last: int | None) -> None:

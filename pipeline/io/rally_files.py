@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.rally import FLIGHT_PARAMETERS, Flight, Rally
 from models.core.typing import FloatArray
 from models.estimation.rally.rally_columns import RallyTrajectory, tabulate_tracks
 from models.estimation.rally.stroke_summary import Stroke, summarize_strokes
+from pipeline.io.corrections_file import describe_corrections
 from pipeline.io.csv_tables import SHOT_NUMBER, Columns, write_columns
 from pipeline.io.strict_json import format_strict_json
 from pipeline.reporting.text.rally_sentences import assess_rally_trust, format_rally_notes
@@ -33,18 +35,20 @@ CAMERA_PARAMETERS = (
 )  # fmt: skip
 
 
-def write_rally_files(clip: Clip, rally: Rally, folder: Path) -> None:
+def write_rally_files(clip: Clip, rally: Rally, folder: Path, corrections: Corrections = NO_CORRECTIONS) -> None:
     """Write tracks.csv, events.csv, strokes.csv, trajectory.csv and scene.json.
 
     Args:
         clip: The clip, for its facts.
         folder: An existing folder.
+        corrections: What a person corrected.
     """
     write_rally_tracks(rally, folder / "tracks.csv")
     write_rally_events(rally, folder / "events.csv")
     write_columns(tabulate_strokes(rally), folder / "strokes.csv")
     write_rally_trajectory(rally, folder / "trajectory.csv")
-    (folder / "scene.json").write_text(format_strict_json(describe_rally(clip, rally)), encoding="utf-8")
+    document = {**describe_rally(clip, rally), "set_by_hand": describe_corrections(corrections)}
+    (folder / "scene.json").write_text(format_strict_json(document), encoding="utf-8")
 
 
 def write_rally_tracks(rally: Rally, path: Path) -> None:

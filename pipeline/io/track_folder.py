@@ -15,8 +15,9 @@ from models.core.errors import OptionError
 from models.core.recording import Recording, ReferenceFrame
 from models.core.tracks import TABLE_PLANE
 from models.core.typing import FloatArray
+from models.estimation.gap_scenes.filmed_flight_scene import LEAST_PLACES, record_flights
 from pipeline.io.run_folder import drop_repeated_clips
-from pipeline.io.saved_shot import has_shot, holds_rally, read_shot
+from pipeline.io.saved_shot import has_shot, holds_rally, read_rally, read_shot
 from pipeline.io.strict_json import format_first_error, read_json
 from pipeline.io.surroundings import WallsEntry, build_inputs, find_input_columns
 from pipeline.io.text_table import TextTable, build_row_grid, read_text_table
@@ -202,10 +203,7 @@ def _describe_table(entry: SceneEntry) -> str:
 def _read_track_folder(folder: Path) -> TrackFolder:
     require_track_files(folder)
     if holds_rally(folder):
-        raise OptionError(
-            f"{folder} holds a rally: one camera saw it, so that its places in space follow from the law of flight, and"
-            " cannot show what this law lacks; flights that several cameras measured can be diagnosed"
-        )
+        return _read_rally_flights(folder)
     entry = parse_scene_entry(read_json(folder / SCENE_FILE, "A track folder has a scene.json"), folder / SCENE_FILE)
     path = folder / "tracks.csv"
     # the table of a run folder rounds the observations of its shot
@@ -218,6 +216,19 @@ def _read_track_folder(folder: Path) -> TrackFolder:
         places = np.concatenate([one.positions[one.is_observed][:, :2] for one in recordings])
         notes += require_positions_on_table(places, (entry.table.length, entry.table.width), path)
     return TrackFolder(entry, recordings, inputs, notes)
+
+
+def _read_rally_flights(folder: Path) -> TrackFolder:
+    """Read the flights of a rally, as its camera saw them; the model is the law of flight of its sport."""
+    rally = read_rally(folder)
+    flights = record_flights(rally)
+    if not flights:
+        raise OptionError(f"{folder} has no flight that was seen in {LEAST_PLACES} frames after its turn-over")
+    item = rally.scene.sport.object
+    # what lifts a shuttle is over with its turn-over
+    model = ["air_drag", *(["magnus"] if item.lift and not item.turn_length else [])]
+    note = f"{folder} holds a rally that one camera saw: {len(flights)} flights are compared in the image, in px"
+    return TrackFolder(SceneEntry(scene="flight", model=model), flights, notes=(note,))
 
 
 def _read_table(entry: SceneEntry, path: Path) -> tuple[tuple[Recording, ...], tuple[str, ...], tuple[str, ...]]:

@@ -15,6 +15,7 @@ from models.estimation.gap_scenes.billiards_scene import (
     ImageGeometry,
     build_billiards_scene,
 )
+from models.estimation.gap_scenes.filmed_flight_scene import IMAGE_FRAME, build_filmed_flight_scene
 from models.estimation.gap_scenes.flight_scene import build_flight_scene
 from models.estimation.gap_scenes.gap_scene import GapScene
 from models.estimation.gap_scenes.pendulum_scene import build_pendulum_scene
@@ -66,6 +67,8 @@ def _build_scene(folder: TrackFolder, assumed: tuple[str, ...]) -> GapScene:
     count = len(folder.reference.coordinates)
     if folder.entry.scene == "slide":
         return _build_slide(folder, assumed)
+    if folder.reference == IMAGE_FRAME:
+        return build_filmed_flight_scene(assumed)
     if folder.entry.scene == "flight":
         return build_flight_scene(count, folder.entry.gravity, assumed, bool(folder.inputs))
     if folder.entry.scene == "pendulum":

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
+from models.core.corrections import Corrections
 from models.core.progress import Progress
 from models.core.rally import Rally
-from pipeline.engine.stage import Inputs, NoOptions, Stage
+from pipeline.engine.stage import Inputs, Stage
 from pipeline.io.rally_files import write_rally_files
 from pipeline.io.saved_shot import write_shot
 from pipeline.stages.render_stage import SLOW_FILE, START_FILE
@@ -29,12 +30,15 @@ class RallyPageOptions:
     """Options of the command line that reproduce the run."""
 
 
-def rally_output_stages(options: RallyPageOptions, render: RenderOptions) -> tuple[Stage, ...]:
+def rally_output_stages(
+    options: RallyPageOptions, render: RenderOptions, corrections: Corrections
+) -> tuple[Stage, ...]:
     """Build the stages that write the files of a rally.
 
     Args:
         options: Options of the page and of the recording.
         render: Options of the slow motion.
+        corrections: What a person corrected, which scene.json states.
 
     Returns:
         The stages `export`, `poster`, `report`, `record`, and `render` where a slow motion is wanted.
@@ -42,7 +46,7 @@ def rally_output_stages(options: RallyPageOptions, render: RenderOptions) -> tup
     own, needs = RenderOptions(slow=render.slow, trim_still=render.trim_still), ("read", "rally")
     record = RallyPageOptions(options.title, 1.0, ())  # the others do not change it
     stages = (
-        Stage("export", __name__, needs, None, _export_rally, NoOptions()),
+        Stage("export", __name__, needs, None, _export_rally, corrections),
         Stage("poster", __name__, needs, None, _draw_poster, own),
         Stage("report", __name__, (*needs, "poster"), None, _write_report, options),
         Stage("record", __name__, (*needs, "candidates"), None, _record_layers, record),
@@ -50,11 +54,11 @@ def rally_output_stages(options: RallyPageOptions, render: RenderOptions) -> tup
     return stages if render.no_video else (*stages, Stage("render", __name__, needs, None, _render_video, render))
 
 
-def _export_rally(inputs: Inputs, options: NoOptions, folder: Path, progress: Progress) -> None:
+def _export_rally(inputs: Inputs, options: Corrections, folder: Path, progress: Progress) -> None:
     """Write the saved rally, and its exports."""
     rally: Rally = inputs["rally"]
     write_shot(rally, {}, version("trueroll"), folder)
-    write_rally_files(inputs["read"], rally, folder)
+    write_rally_files(inputs["read"], rally, folder, options)
 
 
 def _draw_poster(inputs: Inputs, options: RenderOptions, folder: Path, progress: Progress) -> None:

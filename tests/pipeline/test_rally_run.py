@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 from PIL import Image
 from support.carom_start import Home, run_program
-from support.rally_stand_ins import use_stand_ins
+from support.rally_stand_ins import locate_court, use_stand_ins
 
 import trueroll
+from models.core.court_camera import CourtScene
 from models.core.errors import OptionError
 from models.core.progress import Progress, ignore_progress
 from pipeline.actions.diagnose_batch import group_by_table
@@ -24,8 +25,11 @@ from pipeline.batch.clip_job import ClipLimits, ClipResult
 from pipeline.batch.clip_run import run_job
 from pipeline.batch.run_batch import Batch, run_batch
 from pipeline.engine.result_cache import ResultCache
+from pipeline.io.corrections_file import corrections_path
 from pipeline.io.saved_shot import read_rally
+from pipeline.reporting.text.rally_sentences import assess_rally_trust
 from pipeline.run_options import RunOptions, list_setting_values
+from video.io.clip import Clip
 from video.io.video_writer import VideoWriter
 
 FILES = {
@@ -182,8 +186,7 @@ def test_the_height_over_the_net_has_an_error(courts: Home) -> None:
         (("call", "net", "--singles"), "got 'net --singles'"),
         (("predict", "--at", "99"), "--at lies within what was seen, 0.500"),
         (("what-if",), "holds a rally of badminton"),
-        (("edit", "--no-browser"), "holds a rally; corrections by hand are for shots of billiards"),
-        (("diagnose",), "rally"),
+        (("edit", "--no-browser"), "holds a rally, which the page does not correct; write what is wrong into"),
         (("put-back",), "rally"),
         (("compare",), "rally"),
         (("fit-table",), "rally"),
@@ -198,6 +201,14 @@ def test_what_cannot_be_asked_of_a_rally_is_one_sentence(
     assert done.status in (1, 2)
     assert sentence in " ".join(done.err.split())
     assert "Traceback" not in done.err
+
+
+def test_the_flights_of_a_rally_are_diagnosed_in_the_image(courts: Home, tmp_path: Path) -> None:
+    done = run_program("diagnose", courts.out, "-o", tmp_path / "gap", "--json")
+    document = json.loads(done.out)
+    assert (document["scene"], document["model"], document["gap"]["metric"]) == ("flight", ["air_drag"], "rms_px")
+    assert document["verdict"] == "undecidable"  # of one flight
+    assert (tmp_path / "gap" / "gap.html").is_file()
 
 
 def test_a_rally_is_predicted_from_what_was_seen_until_then(courts: Home, tmp_path: Path) -> None:
@@ -298,3 +309,36 @@ def test_a_batch_lists_rallies_and_what_is_neither(courts: Home, tmp_path: Path)
     rows = [line.split(",")[:2] for line in merged[1:]]
     assert rows == [["0", "hit"], ["0", "landing"], ["1", "hit"], ["1", "landing"]]
     assert list(group_by_table(work.results)) == []
+
+
+def test_a_corrections_file_names_the_sport_the_corners_and_the_events(
+    courts: Home, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clip = tmp_path / "rally.mp4"
+    clip.write_bytes(courts.clip.read_bytes())
+    given = []
+
+    def locate(clip: Clip, sport: str | None, corners: str | None, progress: object) -> CourtScene:
+        given.append((sport, corners))
+        return locate_court(clip, sport, corners, progress)
+
+    monkeypatch.setattr("video.calibration.court_finder.locate_court", locate)
+    landing = float(courts.rows("events.csv")[1]["frame"])
+    marks = {
+        "schema": "trueroll.corrections/1", "sport": "tennis", "corners": [[10, 20], [300, 20], [300, 170], [10, 170]],
+        "balls": [{"kind": "placed", "ball": {"frame": 2, "x_px": 40.0, "y_px": 50.0}}],
+        "events": [{"kind": "delete", "event": "landing", "frame": landing},
+                   {"kind": "mark", "event": "net", "frame": 20.0}],
+    }  # fmt: skip
+    corrections_path(clip).write_text(json.dumps(marks))
+    run = trueroll.run(clip, tmp_path / "out", cache=tmp_path / "cache", no_video=True)
+    assert isinstance(run, RallyRun)
+    assert given == [("tennis", "10,20,300,20,300,170,10,170")]
+    assert run.rally.notes == (
+        "net-set-by-hand-at-0.80-s-fits-no-flight",
+        "place-set-by-hand-in-frame-2-fits-no-flight",
+    )
+    assert assess_rally_trust(run.rally).reasons[-1] == "Place set by hand in frame 2 fits no flight."
+    scene = json.loads((tmp_path / "out" / "scene.json").read_text())
+    assert scene["set_by_hand"]["events"] == marks["events"]
+    assert scene["sport"] == "tennis"

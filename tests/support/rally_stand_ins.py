@@ -13,9 +13,11 @@ import numpy as np
 import pytest
 from support.staged_rally import stage_rally
 
+from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.court_camera import CourtScene
 from models.core.errors import ClipError
 from models.core.rally import BallCandidates, Rally
+from models.estimation.rally.rally_marks import resolve_marks, settle_marks
 from models.sports.sport_catalogue import find_sports
 from video.io.clip import Clip
 
@@ -36,11 +38,13 @@ def find_candidates(clip: Clip, scene: CourtScene, progress: object) -> BallCand
 
 
 def explain_rally(
-    scene: CourtScene, candidates: BallCandidates, frame: np.ndarray, t: np.ndarray, progress: object
-) -> Rally:
-    """Return the staged rally."""
+    scene: CourtScene, candidates: BallCandidates, frame: np.ndarray, t: np.ndarray, progress: object,
+    corrections: Corrections = NO_CORRECTIONS,
+) -> Rally:  # fmt: skip
+    """Return the staged rally, with corrections."""
     rally = stage_rally(scene.sport, (2.5, 1.0) if scene.sport.floor < 0 else (13.0, 3.0), frames=len(frame))
-    return replace(rally, frame=frame, t=t)
+    marks = resolve_marks(corrections.events, frame, t)
+    return settle_marks(replace(rally, frame=frame, t=t), corrections.balls, marks)
 
 
 def write_file(path: Path, *_: Any) -> None:

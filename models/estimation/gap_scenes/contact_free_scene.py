@@ -80,7 +80,8 @@ class ContactFreeScene:
         rows, bodies = np.nonzero(segment.is_observed)
         states, contacts = self._simulate_states(segment, start, shared)
         half = states.shape[1] // 2
-        place, velocity = states[rows, :half, bodies], states[rows, half:, bodies]
+        moving = self.observe(segment, states[:, :half] + 1j * _COMPLEX_STEP * states[:, half:])[rows, :, bodies]
+        place, velocity = moving.real, moving.imag / _COMPLEX_STEP
         since = segment.t[rows] - contacts[rows, bodies]
         phases = tuple("wall_contact" if one < _CONTACT_DURATION else self.phase for one in since)
         return Covariates(phases, place, velocity, since, None)
@@ -90,7 +91,16 @@ class ContactFreeScene:
     ) -> FloatArray:
         """Predict the positions (T, N, D) of every body at every row of a segment."""
         states, _ = self._simulate_states(segment, start, shared)
-        return np.asarray(np.moveaxis(states[:, : states.shape[1] // 2], 1, 2))
+        return np.asarray(np.moveaxis(self.observe(segment, states[:, : states.shape[1] // 2]), 1, 2))
+
+    def observe(self, segment: Recording, places: RealOrComplexArray) -> RealOrComplexArray:
+        """Return what is observed (T, D, N, ...) of places (T, D, N, ...): here, the places themselves."""
+        return places
+
+    def guess_starts(self, segment: Recording, count: int) -> tuple[FloatArray, FloatArray]:
+        """Guess the states (2D N,) at the first row by `count` observed rows, and the errors of a prior about them."""
+        start = estimate_first_states(segment, count)
+        return start, np.full(len(start), np.inf)
 
     def integrate_segment(
         self, segment: Recording, starts: RealOrComplexArray, parameters: RealOrComplexArray
@@ -134,8 +144,8 @@ class ContactFreeModel:
     """One window per segment."""
 
     def __post_init__(self) -> None:
-        has_walls = bool(self.scene.walls)
-        object.__setattr__(self, "windows", tuple(_build_window(segment, has_walls) for segment in self.segments))
+        windows = tuple(_build_window(segment, self.scene) for segment in self.segments)
+        object.__setattr__(self, "windows", windows)
 
     @property
     def unknowns(self) -> tuple[Prior, ...]:
@@ -155,7 +165,8 @@ class ContactFreeModel:
         parameters[needed, :, size + np.arange(len(needed))] += 1j * _COMPLEX_STEP
         flat, _ = self.scene.integrate_segment(segment, starts.reshape(size, -1), parameters.reshape(len(shared), -1))
         states = np.asarray(flat, np.complex128).reshape(len(segment.t), size, bodies, columns)
-        return self._build_linearization(segment, states[:, : size // 2], size, needed, len(shared))
+        places = np.asarray(self.scene.observe(segment, states[:, : size // 2]), np.complex128)
+        return self._build_linearization(segment, places, size, needed, len(shared))
 
     def simulate(self, window: int, start: FloatArray, shared: FloatArray) -> SimulatedWindow:
         """Simulate a window without Jacobians."""
@@ -192,12 +203,12 @@ def compare_positions(segment: Recording, places: FloatArray) -> FloatArray:
     return np.asarray((places[rows, who] - segment.positions[rows, who]) / segment.sigma[rows, who][:, None])
 
 
-def _build_window(segment: Recording, has_walls: bool) -> Window:
+def _build_window(segment: Recording, scene: ContactFreeScene) -> Window:
     """Build the window of a segment; a wall that is met within the first rows spoils the usual guess."""
     rows, who = np.nonzero(segment.is_observed)
-    start = estimate_first_states(segment, _GUESS_ROWS)
-    others = (estimate_first_states(segment, _SHORT_GUESS_ROWS),) if has_walls else ()
-    window = Window(segment.shot, segment.t[rows], who.astype(np.int64), start, np.full(len(start), np.inf))
+    start, sigma = scene.guess_starts(segment, _GUESS_ROWS)
+    others = (scene.guess_starts(segment, _SHORT_GUESS_ROWS)[0],) if scene.walls else ()
+    window = Window(segment.shot, segment.t[rows], who.astype(np.int64), start, sigma)
     return replace(window, alternative_starts=others)
 
 

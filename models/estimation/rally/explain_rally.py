@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from models.core.corrections import NO_CORRECTIONS, BallMark, Corrections
 from models.core.court import Sport
 from models.core.court_camera import CourtScene
 from models.core.progress import Progress
@@ -22,6 +23,7 @@ from models.estimation.rally.flight_fit import (
     start_row,
 )
 from models.estimation.rally.flight_observations import (
+    EventMark,
     FlightObservations,
     stabilize_places,
 )
@@ -32,7 +34,14 @@ from models.estimation.rally.initial_flights import align_flights
 from models.estimation.rally.landing_hypotheses import merge_landings
 from models.estimation.rally.play_order import judge_order, locate_event
 from models.estimation.rally.rally_building import build_rally, weigh_flights
-from models.estimation.rally.rally_clock import estimate_capture_times
+from models.estimation.rally.rally_clock import estimate_capture_times, is_uneven
+from models.estimation.rally.rally_marks import (
+    choose_placed,
+    correct_candidates,
+    find_contradicted,
+    resolve_marks,
+    settle_marks,
+)
 from models.estimation.rally.rally_revision import WORST_RIVAL, Doubt, leave_out_flights, revise_structures, weigh_fit
 
 # m and s up to which events of the same kinds are the same: far less than two explanations differ by.
@@ -60,17 +69,41 @@ class RallyExplanations:
 
 
 def explain_rally(
-    scene: CourtScene, candidates: BallCandidates, frame: IntArray, t: FloatArray, progress: Progress
+    scene: CourtScene,
+    candidates: BallCandidates,
+    frame: IntArray,
+    t: FloatArray,
+    progress: Progress,
+    corrections: Corrections = NO_CORRECTIONS,
 ) -> Rally:
     """Explain the candidates of a clip as the most probable rally; without flights where nothing flies.
 
-    The arguments are those of `find_explanations`.
+    Args:
+        scene: Court and camera.
+        candidates: Candidates of all frames.
+        frame: (T,) indices of the distinct frames in the file.
+        t: (T,) s, when they are shown.
+        progress: Receives the finished share.
+        corrections: Places and events that a person marked, which are taken as given.
     """
-    return combine_explanations(find_explanations(scene, candidates, frame, t, progress))
+    places, candidates = corrections.balls, correct_candidates(candidates, corrections.balls)
+    t = _find_capture_times(scene, candidates, frame, t)
+    marks = resolve_marks(corrections.events, frame, t)
+    rally = combine_explanations(find_explanations(scene, candidates, frame, t, progress, places, marks))
+    if lost := find_contradicted(rally, marks):  # it must not cost what is right
+        others = tuple(mark for mark in marks if mark not in lost)
+        rally = combine_explanations(find_explanations(scene, candidates, frame, t, progress, places, others))
+    return settle_marks(rally, places, marks)
 
 
 def find_explanations(
-    scene: CourtScene, candidates: BallCandidates, frame: IntArray, t: FloatArray, progress: Progress
+    scene: CourtScene,
+    candidates: BallCandidates,
+    frame: IntArray,
+    t: FloatArray,
+    progress: Progress,
+    places: tuple[BallMark, ...] = (),
+    marks: tuple[EventMark, ...] = (),
 ) -> RallyExplanations:
     """Find the rallies that the candidates of a clip may show.
 
@@ -78,21 +111,18 @@ def find_explanations(
         scene: Court and camera.
         candidates: Candidates of all frames.
         frame: (T,) indices of the distinct frames in the file.
-        t: (T,) s.
+        t: (T,) s, when they were taken.
         progress: Receives the finished share.
+        places: Places that a person marked, of which the candidates are part.
+        marks: Events that a person marked, as part of the evidence.
 
     Returns:
         At least one rally.
     """
     sport = scene.sport
-    chosen = associate_candidates(scene, candidates, frame, t)
-    rows = np.flatnonzero(chosen >= 0)
-    px = stabilize_places(scene.camera, frame[rows], candidates.centre[chosen[rows]])
-    shown, t = t, estimate_capture_times(rows, px, candidates.sigma[chosen[rows]], t)
-    if t is not shown:
-        chosen = associate_candidates(scene, candidates, frame, t)
+    chosen = choose_placed(associate_candidates(scene, candidates, frame, t), candidates, frame, places)
     progress(0.2)
-    sight = look_at_candidates(scene, candidates, frame, t, chosen)
+    sight = look_at_candidates(scene, candidates, frame, t, chosen, marks)
     px = stabilize_places(scene.camera, frame[sight.rows], candidates.centre[chosen[sight.rows]])
     hypotheses = segment_rally(sight.observed, px, sport, lambda share: progress(0.2 + 0.4 * share))
     fits: list[RallyFit] = []
@@ -112,8 +142,9 @@ def find_explanations(
     others = [*(revision.best for revision in revisions[1:]), *fits]
     fits = [revised.best, *revised.rivals, *(fit for fit in others if not _are_same(fit, revised.best))]
     chosen = choose_candidates(scene, candidates, frame, t, sight.chosen, fits[0])
+    chosen = choose_placed(chosen, candidates, frame, places)
     if (chosen != sight.chosen).any():
-        sight = look_at_candidates(scene, candidates, frame, t, chosen)
+        sight = look_at_candidates(scene, candidates, frame, t, chosen, marks)
         refined = (refine_fit(sight.observed, sport, fit.structure, fit.values) for fit in fits)
         fits = [fit for fit in refined if fit is not None] or fits
     fits = [_leave_out_unlikely(fit, sight, candidates, sport) for fit in _select_fits(fits, sight.observed)]
@@ -122,6 +153,16 @@ def find_explanations(
     rallies = tuple(build_rally(scene, candidates, frame, t, sight, fits[k]) for k in order)
     progress(1.0)
     return RallyExplanations(rallies, evidence[order], revised.doubts)
+
+
+def _find_capture_times(scene: CourtScene, candidates: BallCandidates, frame: IntArray, t: FloatArray) -> FloatArray:
+    """Find when frames (T,) were taken that are shown at t (T,) s."""
+    if not is_uneven(t):
+        return t
+    chosen = associate_candidates(scene, candidates, frame, t)
+    rows = np.flatnonzero(chosen >= 0)
+    px = stabilize_places(scene.camera, frame[rows], candidates.centre[chosen[rows]])
+    return estimate_capture_times(rows, px, candidates.sigma[chosen[rows]], t)
 
 
 def _leave_out_unlikely(fit: RallyFit, sight: Sight, candidates: BallCandidates, sport: Sport) -> RallyFit:

@@ -24,6 +24,7 @@ from models.estimation.rally.event_evidence import (
     NET_SHARES,
     contact_ranges,
     limit_hits,
+    name_contact,
     weigh_chance,
 )
 from models.estimation.rally.flight_observations import (
@@ -66,6 +67,8 @@ SHARED_COUNT = len(_SHARED)
 _WAY_SOFTNESS = 1.0
 # s, least time between events, and the longest step of an event in the search.
 _SHORTEST_FLIGHT, _LONGEST_SHIFT = 0.01, 0.1
+# s after the last observation of a flight up to which a person may have seen where it touched the ground.
+_LONGEST_FALL = 0.5
 _SEARCH = SearchOptions(iterations=30, attempts=6, min_gain=0.05, min_relative_gain=1e-4, quiet_steps=2, damping=1e-2)
 
 
@@ -263,7 +266,10 @@ class _Problem:
             self._add_observations(rows, path, k, part)
             self._add_surface(path, k, part)
             self._add_net(k, part, p, path, turn_length, np.append(self.observed.t[rows], end) - start)
+            if not ends_joined:
+                self._add_marked_contact(k, part, p, start, turn_length)
             if structure.joined[k] and before is not None:
+                self._add_marked_time(k, float(start))
                 self._add_event(k, values, *before)
             elif structure.kinds[k] == "hit":
                 self._add_reach(k, p, start)
@@ -327,6 +333,26 @@ class _Problem:
         rows = np.flatnonzero(depth < 0)
         if len(rows):
             self._add(depth[rows] / _FLOOR_SOFTNESS, path.derivatives[rows, 2] / _FLOOR_SOFTNESS, part)
+
+    def _add_marked_time(self, k: int, start: float) -> None:
+        """Keep an event near the moment at which a person saw it."""
+        for mark in self.observed.marks:
+            if mark.is_there and mark.kind == self.structure.kinds[k] and abs(start - mark.t) < _LONGEST_SHIFT:
+                self._add_linear({start_row(k, len(self.structure)): 1.0}, start - mark.t, mark.sigma)
+
+    def _add_marked_contact(self, k: int, part: slice, p: FloatArray, start: float, turn_length: float) -> None:
+        """Let a flight that ends freely touch the ground where a person saw that."""
+        last, sport = self.structure.end[k], self.sport
+        until = self.structure.begin[k + 1] if k + 1 < len(self.structure) else last + _LONGEST_FALL
+        for mark in self.observed.marks:
+            if mark.is_there and mark.kind == name_contact(sport) and (mark.is_near(last) or last < mark.t < until):
+                path = fly(p, np.array([mark.t - start]), turn_length)
+                z, fall = path.states[0, [2, 5]]
+                level = sport.object.radius + (sport.floor if sport.is_beside_table(z) else 0.0)
+                sigma = float(np.hypot(_BOUNCE_HEIGHT, fall * mark.sigma))
+                columns = np.append(np.arange(part.start, part.stop), start_row(k, len(self.structure)))
+                by = np.append(path.derivatives[0, 2], -fall * self.structure.joined[k])
+                self._add(np.array([(z - level) / sigma]), by[None] / sigma, columns)
 
     def _add_net(
         self, k: int, part: slice, p: FloatArray, path: FlightPath, turn_length: float, tau: FloatArray

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from models.core.court import FlyingObject
 from models.core.court_camera import CourtCamera
+from models.core.rally import RallyEventKind
 from models.core.scene import apply_homography
 from models.core.typing import BoolArray, FloatArray, IntArray
 
@@ -21,6 +22,32 @@ REST_PX, _REST_TIME = 3.0, 0.3
 # Natural logarithm of the density of clutter per standard deviation of a place: 1/(2 pi sigma^2) against an image. It
 # is the price of an observation that no flight explains.
 CLUTTER_COST = 12.0
+# Natural logarithm of the evidence of what a person marked: no explanation without it may win.
+MARK_EVIDENCE = 1000.0
+
+
+@dataclass(frozen=True, slots=True)
+class EventMark:
+    """An event that a person saw, or saw not to happen."""
+
+    kind: RallyEventKind
+    t: float
+    sigma: float
+    tolerance: float
+    """s from it within which an event is the marked one."""
+    is_there: bool
+
+    def is_near(self, t: FloatArray | float) -> BoolArray:
+        """Return whether events at times (...), s, are the marked one."""
+        return np.asarray(np.abs(t - self.t) <= self.tolerance)
+
+
+def weigh_marks(marks: tuple[EventMark, ...], kinds: tuple[RallyEventKind | None, ...], t: FloatArray) -> float:
+    """Weigh events of some kinds at times t, s, by the marks, as natural logarithm of evidence."""
+    events = list(zip(kinds, t.tolist(), strict=True))
+    there = sum(any(mark.kind == kind and mark.is_near(at) for kind, at in events) for mark in marks if mark.is_there)
+    denied = [{one.is_there for one in marks if one.kind == kind and one.is_near(at)} for kind, at in events]
+    return MARK_EVIDENCE * (there - denied.count({False}))
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +66,7 @@ class FlightObservations:
     """(N,) whether the object lies still, in a hand or on the floor: no flight has to explain it."""
     players: FloatArray = field(default_factory=lambda: np.empty((0, 7)))
     """(P, 7) people on the court: s; left, top, right and bottom, px; x and y of their feet, m."""
+    marks: tuple[EventMark, ...] = ()
 
     def __len__(self) -> int:
         return len(self.t)

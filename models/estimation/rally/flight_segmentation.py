@@ -17,7 +17,7 @@ from models.core.progress import Progress
 from models.core.rally import RallyEventKind
 from models.core.typing import FloatArray, IntArray
 from models.estimation.rally.event_evidence import FlightEnds, weigh_events
-from models.estimation.rally.flight_observations import CLUTTER_COST, REST_PX, FlightObservations
+from models.estimation.rally.flight_observations import CLUTTER_COST, MARK_EVIDENCE, REST_PX, FlightObservations
 from models.estimation.rally.play_order import advance_play, locate_event, start_play
 from models.estimation.rally.single_flight import FlightPrior, SingleFlight, build_flight_prior, fit_single_flight
 
@@ -101,7 +101,8 @@ def find_kinks(observed: FlightObservations, px: FloatArray, sport: Sport) -> In
     kinks = [n]
     while kinks[-1] > 0:
         kinks.append(int(source[kinks[-1]]))
-    return np.array(kinks[::-1])
+    marked = np.searchsorted(observed.t, [mark.t for mark in observed.marks if mark.is_there])
+    return np.union1d(kinks, marked[(marked > 0) & (marked < n)])
 
 
 def _fit_cubics(t: FloatArray, px: FloatArray, sigma: FloatArray, bend: float) -> FloatArray:
@@ -277,7 +278,8 @@ def _join(
     )
     joined = [step for step in arriving if step.node in before]
     rows, beliefs = [before.index(step.node) for step in joined], np.array([step.belief for step in joined])
-    for kind, (value, when, where) in weights.items():
+    for kind, (alone, when, where) in weights.items():
+        value = alone + _weigh_mark(observed, kind, int(kinks[nodes[flying[0]].begin]), when)
         # after a landing it hops, and nobody plays on
         usable = [i for i, step in enumerate(joined) if step.kind != "landing" or kind == "landing"]
         for column, k in enumerate(flying):
@@ -285,6 +287,15 @@ def _join(
             for i in usable:
                 score = joined[i].score + nodes[k].evidence - cost + float(value[rows[i], column] + orders[i])
                 steps[k].append(_Step(score, k, joined[i], kind, float(when[rows[i], column]), after[i]))
+
+
+def _weigh_mark(observed: FlightObservations, kind: RallyEventKind, row: int, when: FloatArray) -> FloatArray:
+    """Weigh by what a person marked an event before an observation; `when` (A, B), s, is its time."""
+    own, t = [mark for mark in observed.marks if mark.kind == kind], observed.t
+    if any(mark.is_there and t[row - 1] < mark.t <= t[row] for mark in own):
+        return np.full(when.shape, MARK_EVIDENCE)
+    denied = [mark.is_near(when) for mark in own if not mark.is_there]
+    return np.asarray(-MARK_EVIDENCE * np.any(denied, axis=0) if denied else 0 * when)
 
 
 def _follow_rules(

@@ -11,6 +11,7 @@ from models.core.rally import BallCandidates
 from models.core.typing import FloatArray, IntArray
 from models.estimation.rally.flight_fit import RallyFit, assign_times, flight_slice, start_row
 from models.estimation.rally.flight_observations import (
+    EventMark,
     FlightObservations,
     compare_places,
     find_rests,
@@ -40,14 +41,19 @@ class Sight:
 
 
 def look_at_candidates(
-    scene: CourtScene, candidates: BallCandidates, frame: IntArray, t: FloatArray, chosen: IntArray
+    scene: CourtScene,
+    candidates: BallCandidates,
+    frame: IntArray,
+    t: FloatArray,
+    chosen: IntArray,
+    marks: tuple[EventMark, ...] = (),
 ) -> Sight:
     """Collect the observations of the chosen candidates (T,), -1 for none, of frames (T,) at times (T,), s."""
     rows = np.flatnonzero(chosen >= 0)
     observed = observe_candidates(scene, candidates, frame, t, chosen, rows)
     players = _locate_players(scene, candidates.players, frame, t)
     resting = find_rests(stabilize_places(scene.camera, frame[rows], candidates.centre[chosen[rows]]), t[rows])
-    return Sight(chosen, rows, replace(observed, players=players, is_resting=resting))
+    return Sight(chosen, rows, replace(observed, players=players, is_resting=resting, marks=marks))
 
 
 def _locate_players(scene: CourtScene, boxes: FloatArray, frame: IntArray, t: FloatArray) -> FloatArray:

@@ -239,11 +239,15 @@ def _build_first_hit(scene: CourtScene, flight: Flight, rally: Rally, interval: 
         off = np.linalg.norm(px - rally.px[earlier[-1]], axis=1)
         best = int(np.argmin(np.where(np.isfinite(off), off, np.inf)))
         back, spread = flight.start - times[best], max(spread / 3, interval / 10)
-    path = fly(flight.parameters, np.array([-back]), 0.0)
+    hit = build_hit(flight, float(back), float(spread), UNSEEN_START, sport)
     inside = ((px[0] >= 0) & (px[0] <= [camera.width_px, camera.height_px])).all()
-    height = path.states[0, 2] - sport.floor
-    if not inside or height > sport.reach + 2 * float(np.sqrt(flight.covariance[2, 2])):
-        return None
+    height = hit.place[2] - sport.floor
+    return hit if inside and height <= sport.reach + 2 * float(np.sqrt(flight.covariance[2, 2])) else None
+
+
+def build_hit(flight: Flight, back: float, spread: float, probability: float, sport: Sport) -> RallyEvent:
+    """Build the hit from which a flight came a time `back`, s, before its start; `spread`, s, is the error of that."""
+    path = fly(flight.parameters, np.array([-back]), 0.0)
     by, velocity = path.derivatives[0], path.states[0, 3:]
     speed = float(np.linalg.norm(velocity))
     along = velocity / max(speed, 1e-9)
@@ -251,11 +255,11 @@ def _build_first_hit(scene: CourtScene, flight: Flight, rally: Rally, interval: 
     slowing = flight.parameters[6] * speed**2 * spread
     return RallyEvent(
         "hit",
-        float(flight.start - back),
-        float(spread),
+        flight.start - back,
+        spread,
         path.states[0, :3].copy(),
         covariance[:3, :3] + np.outer(velocity, velocity) * spread**2,
-        UNSEEN_START,
+        probability,
         speed,
         float(np.hypot(np.sqrt(along @ covariance[3:, 3:] @ along), slowing)),
         name_player(path.states[0, :3], sport),

@@ -18,6 +18,11 @@ _BEND = 1.0
 _LEAST_GAIN = 7.0
 
 
+def is_uneven(t: FloatArray) -> bool:
+    """Return whether times (T,), s, depart from a constant rate by more than a container rounds."""
+    return len(t) > 2 and bool(np.abs(np.linspace(t[0], t[-1], len(t)) - t).max() >= np.median(np.diff(t)) / 4)
+
+
 def estimate_capture_times(rows: IntArray, px: FloatArray, sigma: FloatArray, t: FloatArray) -> FloatArray:
     """Estimate when the frames of a clip were taken.
 
@@ -25,16 +30,12 @@ def estimate_capture_times(rows: IntArray, px: FloatArray, sigma: FloatArray, t:
         rows: (N,) frames in which the object is seen.
         px: (N, 2) px, its places in an image that stands still.
         sigma: (N,) px.
-        t: (T,) s, when the distinct frames are shown.
+        t: (T,) s, at least two, when the distinct frames are shown.
 
     Returns:
         (T,) s: even times where the motion of the object is smoother at those, else `t`.
     """
-    if len(t) < 2:
-        return t
     even = np.linspace(t[0], t[-1], len(t))
-    if np.abs(even - t).max() < np.median(np.diff(t)) / 4:
-        return t  # a constant rate: whatever rounding the container did
     first = np.flatnonzero(rows[_RUN - 1 :] - rows[: 1 - _RUN] == _RUN - 1) if len(rows) >= _RUN else rows[:0]
     runs = first[:, None] + np.arange(_RUN)
     costs = [_measure_roughness(clock[rows[runs]], px[runs], sigma[runs]) for clock in (t, even)]

@@ -24,7 +24,7 @@ from models.estimation.rally.flight_fit import (
     refine_fit,
     start_row,
 )
-from models.estimation.rally.flight_observations import CLUTTER_COST, FlightObservations
+from models.estimation.rally.flight_observations import CLUTTER_COST, FlightObservations, weigh_marks
 from models.estimation.rally.initial_flights import pin_to_surface
 from models.estimation.rally.single_flight import Pin, build_flight_prior, fit_single_flight
 from models.numerics.least_squares import SearchOptions
@@ -169,7 +169,9 @@ def weigh_fit(fit: RallyFit, observed: FlightObservations) -> float:
     """Return the evidence of a fit, the observations that it leaves as clutter included."""
     explained = observed.is_resting.copy()
     explained[np.concatenate(assign_times(observed.t, fit.structure, fit.values))] = True
-    return fit.evidence - CLUTTER_COST * int((~explained).sum())
+    starts = fit.values[start_row(0, len(fit.structure)) :]
+    marked = weigh_marks(observed.marks, fit.structure.kinds, starts)
+    return fit.evidence + marked - CLUTTER_COST * int((~explained).sum())
 
 
 def leave_out_flights(

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from models.core.corrections import BallPlace, ContactCorrection, Corrections, TrackEdit
+from models.core.corrections import BallPlace, ContactCorrection, Corrections, RallyCorrection, TrackEdit
 from models.core.fit_result import Fit, MarkOutcome, WholeShotMisfit, WholeShotSolution
 from models.core.naming import Naming, build_naming, join_names
 from models.core.number_format import format_moment, format_time
@@ -19,6 +19,7 @@ from pipeline.reporting.text.text_formatting import format_law, start_sentence
 NOT_ASKED = "Contact models for the whole shot were not compared, so that side spin is not known."
 # Beginning of a note on what a person corrected.
 HAND_PREFIX = "set by hand: "
+RALLY_EVENTS = {"hit": "hit", "bounce": "bounce", "net": "touch of the net", "landing": "landing"}
 
 
 def note_corrections(scene: Scene, corrections: Corrections, tracks: Tracks) -> Scene:
@@ -40,7 +41,9 @@ def note_corrections(scene: Scene, corrections: Corrections, tracks: Tracks) -> 
 def format_corrections(corrections: Corrections, naming: Naming) -> tuple[str, ...]:
     """Format all corrections, each as a phrase; empty where nothing was set by hand."""
     settings = {
-        "the corners of the table": corrections.corners,
+        "the corners of the table": None if corrections.sport else corrections.corners,
+        "the corners of the court": corrections.sport and corrections.corners,
+        f"the sport, {corrections.sport}": corrections.sport,
         f"the table, {corrections.table}": corrections.table,
         f"the ball radius, {1000 * (corrections.ball_radius or 0):g} mm": corrections.ball_radius,
         f"the frame rate, {corrections.fps} frames per second": corrections.fps,
@@ -51,6 +54,7 @@ def format_corrections(corrections: Corrections, naming: Naming) -> tuple[str, .
     ]
     edits = [_format_track_edit(edit, naming) for edit in corrections.tracks]
     contacts = [_format_contact_mark(mark, naming) for mark in corrections.contacts]
+    contacts += [_format_mark(mark, RALLY_EVENTS[mark.event]) for mark in corrections.events]
     return (*(what for what, value in settings.items() if value is not None), *marks, *edits, *contacts)
 
 
@@ -93,10 +97,14 @@ def _format_track_edit(edit: TrackEdit, naming: Naming) -> str:
 def _format_contact_mark(mark: ContactCorrection, naming: Naming) -> str:
     """Format a mark of a contact as a phrase."""
     other = "" if mark.other is None else naming.say(mark.other.id) or "another ball"
-    what = _name_contact(naming.say(mark.ball.id) or "a ball", other or naming.say(mark.cushion))
+    return _format_mark(mark, _name_contact(naming.say(mark.ball.id) or "a ball", other or naming.say(mark.cushion)))
+
+
+def _format_mark(mark: ContactCorrection | RallyCorrection, what: str) -> str:
+    """Format a mark of an event, whose name is given, as a phrase."""
     return {
         "mark": f"{what} at frame {mark.frame:.1f}",
-        "move": f"{what} at frame {mark.at:.1f}, not {mark.frame:.1f}",
+        "move": f"{what} at frame {mark.to_frame or 0:.1f}, not {mark.frame:.1f}",
         "delete": f"no {what} at frame {mark.frame:.1f}",
     }[mark.kind]
 
