@@ -15,7 +15,7 @@ from models.core.errors import OptionError
 from models.core.recording import Recording, ReferenceFrame
 from models.core.tracks import TABLE_PLANE
 from models.core.typing import FloatArray
-from models.estimation.gap_scenes.filmed_flight_scene import LEAST_PLACES, record_flights
+from models.estimation.rally.recorded_flights import LEAST_PLACES, record_flights
 from pipeline.io.run_folder import drop_repeated_clips
 from pipeline.io.saved_shot import has_shot, holds_rally, read_rally, read_shot
 from pipeline.io.strict_json import format_first_error, read_json

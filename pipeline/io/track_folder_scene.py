@@ -15,11 +15,12 @@ from models.estimation.gap_scenes.billiards_scene import (
     ImageGeometry,
     build_billiards_scene,
 )
-from models.estimation.gap_scenes.filmed_flight_scene import IMAGE_FRAME, build_filmed_flight_scene
+from models.estimation.gap_scenes.filmed_flight_scene import build_filmed_flight_scene
 from models.estimation.gap_scenes.flight_scene import build_flight_scene
 from models.estimation.gap_scenes.gap_scene import GapScene
 from models.estimation.gap_scenes.pendulum_scene import build_pendulum_scene
 from models.estimation.gap_scenes.sliding_scene import WALL_EFFECTS, build_sliding_scene
+from models.estimation.rally.recorded_flights import IMAGE_FRAME
 from models.physics.billiards.contact_models import BALL_MODEL_CHOICE, CUSHION_MODEL_CHOICE
 from models.physics.billiards.simulation.parametrised_shot import ContactModels
 from models.physics.billiards.tables import find_nearest_preset, scale_ball_mass

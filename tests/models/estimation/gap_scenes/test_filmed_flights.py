@@ -12,11 +12,8 @@ from support.simple_rallies import usual_view
 from diagnosis.diagnose import diagnose
 from models.core.rally import Flight, Rally
 from models.core.typing import FloatArray
-from models.estimation.gap_scenes.filmed_flight_scene import (
-    TURN_LENGTHS,
-    build_filmed_flight_scene,
-    record_flights,
-)
+from models.estimation.gap_scenes.filmed_flight_scene import build_filmed_flight_scene
+from models.estimation.rally.recorded_flights import TURN_LENGTHS, record_flights
 from models.sports.sport_catalogue import find_sports
 
 NOISE_PX, FPS = 0.7, 25.0
