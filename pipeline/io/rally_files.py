@@ -10,6 +10,7 @@ import numpy as np
 
 from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.rally import FLIGHT_PARAMETERS, Flight, Rally
+from models.core.trajectory import CaptureClock
 from models.core.typing import FloatArray
 from models.estimation.rally.rally_columns import RallyTrajectory, tabulate_tracks
 from models.estimation.rally.stroke_summary import Stroke, summarize_strokes
@@ -21,6 +22,8 @@ from pipeline.reporting.text.text_formatting import summarize_trust
 from video.io.clip import Clip
 
 TRAJECTORY_HZ = 1000.0
+# Columns of times.
+TIMES = ("t", "landing_t")
 # Numbers of a stroke in strokes.csv: s, km/h, m.
 STROKE_NUMBERS = (
     "t", "t_sigma", "probability", "speed_kmh", "speed_kmh_sigma", "apex", "apex_sigma", "net", "net_sigma",
@@ -43,34 +46,36 @@ def write_rally_files(clip: Clip, rally: Rally, folder: Path, corrections: Corre
         folder: An existing folder.
         corrections: What a person corrected.
     """
-    write_rally_tracks(rally, folder / "tracks.csv")
-    write_rally_events(rally, folder / "events.csv")
-    write_columns(tabulate_strokes(rally), folder / "strokes.csv")
-    write_rally_trajectory(rally, folder / "trajectory.csv")
+    shown = clip.times_of(rally.frame)
+    clock = CaptureClock(shown, rally.t, np.zeros(len(shown)))  # tables have the times of the clip
+    tables = {"tracks.csv": _tabulate_places(rally), "events.csv": _tabulate_events(rally),
+              "strokes.csv": tabulate_strokes(rally), "trajectory.csv": _tabulate_flights(rally, clock)}  # fmt: skip
+    for name, columns in tables.items():
+        times = {one: clock.presentation_time_at(np.asarray(columns[one])) for one in TIMES if one in columns}
+        write_columns(columns | times, folder / name)
     document = {**describe_rally(clip, rally), "set_by_hand": describe_corrections(corrections)}
     (folder / "scene.json").write_text(format_strict_json(document), encoding="utf-8")
 
 
-def write_rally_tracks(rally: Rally, path: Path) -> None:
-    """Write tracks.csv: a row per frame in which the object was seen, or filled in by physics (`observed` 0)."""
+def _tabulate_places(rally: Rally) -> Columns:
+    """Tabulate tracks.csv: a row per frame in which the object was seen, or filled in by physics (`observed` 0)."""
     tracks = tabulate_tracks(rally)
-    columns: Columns = {
+    return {
         "shot": np.full(len(tracks), SHOT_NUMBER), "frame": tracks.frame, "t": tracks.t,
         "id": [*tracks.ids] * len(tracks), "kind": [*tracks.ids] * len(tracks),
         "x_px": tracks.px[:, 0], "y_px": tracks.px[:, 1],
         "x": tracks.xyz[:, 0], "y": tracks.xyz[:, 1], "z": tracks.xyz[:, 2], "sigma": tracks.sigma,
         "radius_px": tracks.radius_px, "observed": tracks.is_observed.astype(np.int64),
     }  # fmt: skip
-    write_columns(columns, path)
 
 
-def write_rally_events(rally: Rally, path: Path) -> None:
-    """Write events.csv: hits, bounces, touches of the net and landings; `b` is the player of a hit."""
+def _tabulate_events(rally: Rally) -> Columns:
+    """Tabulate events.csv: hits, bounces, touches of the net and landings; `b` is the player of a hit."""
     events = rally.events
     t = np.array([one.t for one in events], np.float64)
     place = np.array([one.place for one in events], np.float64).reshape(-1, 3)
     blank = np.full(len(events), np.nan)
-    columns: Columns = {
+    return {
         "shot": np.full(len(events), SHOT_NUMBER), "kind": [one.kind for one in events], "t": t,
         "t_sigma": np.array([one.t_sigma for one in events], np.float64), "frame": find_frames(rally, t),
         "a": [rally.scene.sport.object.name] * len(events), "b": [one.player for one in events],
@@ -78,7 +83,6 @@ def write_rally_events(rally: Rally, path: Path) -> None:
         "probability": np.array([one.probability for one in events], np.float64),
         "gap_mm": blank, "gap_mm_sigma": blank, "speed": np.array([one.speed for one in events], np.float64),
     }  # fmt: skip
-    write_columns(columns, path)
 
 
 def tabulate_strokes(rally: Rally) -> Columns:
@@ -116,22 +120,22 @@ def find_frames(rally: Rally, t: FloatArray) -> FloatArray:
     return np.asarray(np.interp(t, rally.t, rally.frame.astype(np.float64)))
 
 
-def write_rally_trajectory(rally: Rally, path: Path) -> None:
-    """Write trajectory.csv: the flights at `TRAJECTORY_HZ`; where none covers a time, there is no row."""
+def _tabulate_flights(rally: Rally, clock: CaptureClock) -> Columns:
+    """Tabulate trajectory.csv: flights at `TRAJECTORY_HZ` of the clip; where none covers a time, there is no row."""
     motion, flights = RallyTrajectory(rally), rally.flights
-    first = min((one.start for one in flights), default=0.0)
-    last = max((one.end for one in flights), default=-1.0)
+    ends = [min((one.start for one in flights), default=0.0), max((one.end for one in flights), default=-1.0)]
+    first, last = clock.presentation_time_at(np.array(ends)).tolist()
     t = np.arange(math.ceil(first * TRAJECTORY_HZ), math.floor(last * TRAJECTORY_HZ) + 1) / TRAJECTORY_HZ
+    t = clock.capture_time_at(t)
     places = motion.at(t)
     rows = np.flatnonzero(np.isfinite(places.xyz[:, 0]))
     xyz, v, blank = places.xyz[rows], places.v[rows], np.full(len(rows), np.nan)
     sigma = np.sqrt(np.trace(places.covariance[rows], axis1=1, axis2=2) / 3)
-    columns: Columns = {
+    return {
         "shot": np.full(len(rows), SHOT_NUMBER), "t": t[rows], "id": [*motion.ids] * len(rows),
         "x": xyz[:, 0], "y": xyz[:, 1], "z": xyz[:, 2], "vx": v[:, 0], "vy": v[:, 1], "vz": v[:, 2],
         "wx": blank, "wy": blank, "wz": blank, "sigma": sigma, "sigma_v": blank,
     }  # fmt: skip
-    write_columns(columns, path)
 
 
 def describe_rally(clip: Clip, rally: Rally) -> dict[str, Any]:

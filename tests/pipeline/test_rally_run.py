@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -26,10 +28,11 @@ from pipeline.batch.clip_run import run_job
 from pipeline.batch.run_batch import Batch, run_batch
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.corrections_file import corrections_path
+from pipeline.io.rally_files import write_rally_files
 from pipeline.io.saved_shot import read_rally
 from pipeline.reporting.text.rally_sentences import assess_rally_trust
 from pipeline.run_options import RunOptions, list_setting_values
-from video.io.clip import Clip
+from video.io.clip import Clip, open_clip
 from video.io.video_writer import VideoWriter
 
 FILES = {
@@ -112,6 +115,28 @@ def test_strokes_have_speed_apex_height_over_the_net_and_landing(courts: Home) -
     assert float(row["in_probability"]) > 0.999
     shown = f"{float(row['speed_kmh']):.1f} ± 1.4 km/h"
     assert shown in (courts.folder / "printed.txt").read_text()
+
+
+def test_tables_have_the_times_of_the_clip_although_its_frames_were_taken_at_others(
+    courts: Home, tmp_path: Path
+) -> None:
+    rally, clip = read_rally(courts.out), open_clip(courts.clip)
+    event, flight = rally.events[0], rally.flights[0]
+    late = replace(
+        rally, t=rally.t + 0.25, events=(replace(event, t=event.t + 0.25),),
+        flights=(replace(flight, start=flight.start + 0.25, end=flight.end + 0.25),), landings=(),
+    )  # fmt: skip
+    write_rally_files(clip, late, tmp_path)
+    for name in ("tracks.csv", "events.csv", "strokes.csv", "trajectory.csv"):
+        texts = [(folder / name).read_text(encoding="utf-8") for folder in (tmp_path, courts.out)]
+        rows, before = (list(csv.DictReader(text.splitlines())) for text in texts)
+        count = len(rows)
+        assert count
+        assert [float(row["t"]) for row in rows] == pytest.approx(
+            [float(row["t"]) for row in before[:count]], abs=1.1e-3
+        )
+        if name == "trajectory.csv":
+            assert float(rows[-1]["z"]) == pytest.approx(float(before[count - 1]["z"]), abs=0.02)
 
 
 def test_the_trajectory_is_sampled_a_thousand_times_a_second_in_space(courts: Home) -> None:

@@ -338,7 +338,8 @@ class _Problem:
         """Keep an event near the moment at which a person saw it."""
         for mark in self.observed.marks:
             if mark.is_there and mark.kind == self.structure.kinds[k] and abs(start - mark.t) < _LONGEST_SHIFT:
-                self._add_linear({start_row(k, len(self.structure)): 1.0}, start - mark.t, mark.sigma)
+                column = np.array([start_row(k, len(self.structure))])
+                self._add(np.array([(start - mark.t) / mark.sigma]), np.array([[1 / mark.sigma]]), column)
 
     def _add_marked_contact(self, k: int, part: slice, p: FloatArray, start: float, turn_length: float) -> None:
         """Let a flight that ends freely touch the ground where a person saw that."""
