@@ -210,11 +210,11 @@ class JobQueue:
 
         Args:
             job: Its id.
-            settings: New settings of its run, by their names; those that it has stay.
+            settings: New settings of its run, by their names; None for those of the last try.
         """
+        changes = {} if settings is None else {"settings": settings}
         return self._end(job, ("failed", "cancelled"), "This has not failed.", state="waiting", error="", remedy="",
-                         ended=0.0, stage="", share=0.0, findings=(),
-                         settings={**self._find(job).settings, **(settings or {})})  # fmt: skip
+                         ended=0.0, stage="", share=0.0, findings=(), **changes)  # fmt: skip
 
     def place_corners(self, job: str, corners: object, sport: object) -> dict[str, Any]:
         """Run a clip again with the corners of its table or court.
@@ -233,7 +233,7 @@ class JobQueue:
         width, height = self._find(job).frame_size
         try:
             places = [(float(x) * width - 0.5, float(y) * height - 0.5) for x, y in corners]  # type: ignore[attr-defined]
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             raise Refusal(422, "corners are four pairs of numbers.") from error
         if (
             len(places) != 4

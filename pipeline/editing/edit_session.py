@@ -97,7 +97,7 @@ class EditSession:
         self._lock = threading.Condition()
         self._file = self._start_from(read_corrections(edited.path, edited.digest))
         self._history = history
-        self._undo, self._redo = ([], []) if history is None else _read_history(history, self._file.revision)
+        self._undo, self._redo = ([], []) if history is None else _read_history(history, self._file)
         self._run: ClipRun | None = None
         self._view: dict[str, Any] | None = None
         self._result, self._stage, self._share, self._error = -1, "", 0.0, ""
@@ -218,7 +218,8 @@ class EditSession:
     def _save_history(self) -> None:
         """Save what can be undone and redone; where that fails, it lasts as long as the session."""
         if self._history is not None:
-            lists = ([describe_corrections(one) for one in steps] for steps in (self._undo, self._redo))
+            steps = [self._file.corrections], self._undo, self._redo
+            lists = ([describe_corrections(one) for one in corrections] for corrections in steps)
             with suppress(OSError):
                 write_text(self._history, json.dumps([self._file.revision, *lists]))
 
@@ -315,15 +316,16 @@ class EditSession:
             self._stage, self._share = stage, share
 
 
-def _read_history(path: Path, revision: int) -> tuple[list[Corrections], list[Corrections]]:
+def _read_history(path: Path, present: CorrectionsFile) -> tuple[list[Corrections], list[Corrections]]:
     """Read what can be undone and redone; nothing where the file is missing, damaged or of other corrections."""
     with suppress(OSError, ValueError, TypeError, RecursionError):
-        noted, undo, redo = json.loads(path.read_bytes())
-        if noted == revision:
-            parsed = [
-                [parse_corrections({"schema": SCHEMA, **one}).corrections for one in steps] for steps in (undo, redo)
-            ]
-            return parsed[0], parsed[1]
+        revision, *lists = json.loads(path.read_bytes())
+        (noted,), undo, redo = (
+            [parse_corrections({"schema": SCHEMA, **one}).corrections for one in steps] for steps in lists
+        )
+        # a copy of the clip elsewhere has as many changes, perhaps, but others
+        if revision == present.revision and noted == present.corrections:
+            return undo, redo
     return [], []
 
 

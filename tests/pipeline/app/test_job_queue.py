@@ -49,7 +49,8 @@ class FakeProcess:
         listener({"found": ["0.5 s: The cue ball hits red 3."], "size": [1280, 720]})
         while not (self.hold.is_set() or self.closed.is_set()):
             time.sleep(0.01)
-        if self.closed.is_set() or ("bad" in job.clip and "corners" not in job.settings):
+        is_table = "corners" in job.settings and "sport" not in job.settings
+        if self.closed.is_set() or ("bad" in job.clip and not is_table):
             return build_failed_result(job.name, "no table was found", remedy="corners")
         write_run(Path(job.folder))
         (Path(job.folder) / "source.json").write_text(json.dumps({"path": job.clip}))
@@ -273,15 +274,18 @@ def test_a_clip_whose_table_is_not_found_runs_with_the_corners_that_a_person_mar
             [["a", 0], *SQUARE[1:]],
             [[float("nan"), 0], *SQUARE[1:]],
             [[9, 0], *SQUARE[1:]],
+            [[10**400, 0], *SQUARE[1:]],
         ):
             with pytest.raises(Refusal, match="corners"):
                 queue.place_corners(job, corners, "")
         queue.place_corners(job, SQUARE, "tennis")
+        wait_for(queue, job, state="failed", remedy="corners", preview=True)
+        queue.place_corners(job, SQUARE, "")  # a table after all
         wait_for(queue, job, state="done", remedy="")
         with pytest.raises(Refusal, match="has not failed"):
             queue.place_corners(job, SQUARE, "")
-    settings = {"quick": True, "corners": "-0.5,-0.5,1279.5,-0.5,1279.5,719.5,-0.5,719.5", "sport": "tennis"}
-    assert [one.settings for one in runs.jobs] == [{"quick": True}, settings]
+    settings = {"quick": True, "corners": "-0.5,-0.5,1279.5,-0.5,1279.5,719.5,-0.5,719.5"}
+    assert [one.settings for one in runs.jobs] == [{"quick": True}, settings | {"sport": "tennis"}, settings]
 
 
 def test_a_full_disk_delays_the_queue_and_is_told(

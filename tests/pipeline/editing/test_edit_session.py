@@ -88,7 +88,11 @@ def test_options_are_what_the_corrections_start_from(tmp_path: Path) -> None:
     assert read_corrections(tmp_path / "shot.mp4").corrections.table == "pool-8ft"
 
 
-@pytest.mark.parametrize("damage", [None, b"", b"[2]", b"[2, 3, []]", b'[9, [{"fps": "25"}], []]'])
+@pytest.mark.parametrize(
+    "damage",
+    [None, b"", b"[4]", b"[4, 3, [], []]", b'[9, [{"fps": "30"}], [{"fps": "25"}], []]',
+     b'[4, [{"fps": "24"}], [{"fps": "25"}], []]'],
+)  # fmt: skip
 def test_what_can_be_undone_outlives_the_session(damage: bytes | None, tmp_path: Path) -> None:
     history = tmp_path / "own" / "history.json"
     with open_synthetic_session(tmp_path, history=history) as session:
