@@ -287,9 +287,10 @@ def run_tables(
     Raises:
         TruerollError: The clip or an option cannot be used. No unfinished file remains.
     """
-    if options.court.has_court:
+    corrected = honour_corrections(clip, hash_clip(clip) if shot is None else shot.whole.digest, options, shot)
+    if corrected.court.has_court:
         raise OptionError(
-            f"the page does not correct {options.court.sport}; write what is wrong into {corrections_path(clip)}, and"
+            f"the page does not correct {corrected.court.sport}; write what is wrong into {corrections_path(clip)}, and"
             " use trueroll run"
         )
     require_writable_folder(folder)

@@ -86,14 +86,15 @@ def find_recording_shots(
     read, whole = _read_recording(clip, options, cache, watcher, unchanged, snapshot, memory)
     from video.calibration.shot_segmentation import list_shot_spans  # slow to import
 
-    if options.court.has_court:
+    court = honour_corrections(clip, whole.digest, options).court
+    if court.has_court:
         return RecordingShots(_list_views(whole, unchanged))
     if find_single_span(whole):
         return RecordingShots()
     graph = StageGraph.from_stages([read, shots_stage()], whole.digest)
     intervals = graph.load("shots", graph.run(cache, watcher, partial(unchanged, whole.digest), snapshot))
     spans = list_shot_spans(whole, intervals)
-    if not len(intervals) and options.court.sport is None:
+    if not len(intervals) and court.sport is None:
         views = _list_views(whole, unchanged)
         longest = sorted(views, key=lambda view: view.begins - view.ends)[:COURT_TRIES]
         if any(_shows_court(clip, options, view, cache, watcher, memory) for view in longest):
@@ -246,7 +247,8 @@ def run_chosen_shot(
             raise OptionError(f"{clip.name} is one shot; leave out --shot {choice.number}")
         return run_clip(clip, folder, options, cache, watcher, memory=memory, **how)
     refusals: list[TruerollError] = []
-    refused: type[TruerollError] = ClipError if options.court.has_court else TableNotFound
+    has_court = honour_corrections(clip, recording.shots[0].whole.digest, options).court.has_court
+    refused: type[TruerollError] = ClipError if has_court else TableNotFound
     for shot in order_shots(recording, choice):
         others = tuple(
             f"shot {other.number + 1}, seconds {other.begins:.2f} to {other.ends:.2f}: --shot {other.number + 1}"

@@ -26,10 +26,12 @@ from pipeline.api import RallyRun
 from pipeline.batch.clip_job import ClipLimits, ClipResult
 from pipeline.batch.clip_run import run_job
 from pipeline.batch.run_batch import Batch, run_batch
+from pipeline.chain import run_tables
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.corrections_file import corrections_path
 from pipeline.io.rally_files import write_rally_files
 from pipeline.io.saved_shot import read_rally
+from pipeline.recording_shots import find_recording_shots
 from pipeline.reporting.text.rally_sentences import assess_rally_trust
 from pipeline.run_options import RunOptions, list_setting_values
 from video.io.clip import Clip, open_clip
@@ -261,6 +263,16 @@ def test_a_cut_ends_a_rally(courts: Home, tmp_path: Path) -> None:
     assert "shot 2 of 3" in done.err
     assert json.loads((tmp_path / "out" / "scene.json").read_text())["clip"]["first_frame"] == 50
     assert json.loads((tmp_path / "out" / "scene.json").read_text())["sport"] == "tennis"
+
+
+def test_the_sport_of_a_corrections_file_counts_before_a_run_too(courts: Home, tmp_path: Path) -> None:
+    clip = film_noise(tmp_path / "match.mp4", views=3)
+    corrections_path(clip).write_text('{"schema": "trueroll.corrections/1", "sport": "tennis"}')
+    options, cache = RunOptions(), ResultCache(courts.cache)
+    assert len(find_recording_shots(clip, options, cache, QuietFollower()).shots) == 3
+    with pytest.raises(OptionError, match="the page does not correct tennis"):
+        run_tables(clip, tmp_path / "out", options, cache, QuietFollower())
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_check_grades_the_view_of_a_court(courts: Home, tmp_path: Path) -> None:
