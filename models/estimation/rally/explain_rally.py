@@ -40,6 +40,7 @@ from models.estimation.rally.rally_marks import (
     correct_candidates,
     find_contradicted,
     resolve_marks,
+    resolve_places,
     settle_marks,
 )
 from models.estimation.rally.rally_revision import WORST_RIVAL, Doubt, leave_out_flights, revise_structures, weigh_fit
@@ -86,7 +87,8 @@ def explain_rally(
         progress: Receives the finished share.
         corrections: Places and events that a person marked, which are taken as given.
     """
-    places, candidates = corrections.balls, correct_candidates(candidates, corrections.balls)
+    places = resolve_places(corrections.balls, frame)
+    candidates = correct_candidates(candidates, places)
     t = _find_capture_times(scene, candidates, frame, t)
     marks = resolve_marks(corrections.events, frame, t)
     rally = combine_explanations(find_explanations(scene, candidates, frame, t, progress, places, marks))

@@ -53,6 +53,17 @@ def correct_candidates(candidates: BallCandidates, marks: Sequence[BallMark]) ->
     return replace(candidates, **{name: column[order] for name, column in columns.items()})
 
 
+def resolve_places(marks: Sequence[BallMark], frame: IntArray) -> tuple[BallMark, ...]:
+    """Move places that were marked in duplicate frames to the distinct frames (T,) that these show again."""
+    resolved = []
+    for mark in marks:
+        row = int(np.searchsorted(frame, mark.ball.frame, side="right")) - 1
+        if mark.kind == "placed" and 0 <= row < len(frame) - 1:
+            mark = replace(mark, ball=replace(mark.ball, frame=int(frame[row])))
+        resolved.append(mark)
+    return tuple(resolved)
+
+
 def choose_placed(chosen: IntArray, candidates: BallCandidates, frame: IntArray, marks: Sequence[BallMark]) -> IntArray:
     """Choose the marked place in each frame that has one; `chosen` (T,) are the candidates of frames (T,) so far."""
     chosen = chosen.copy()
@@ -63,14 +74,21 @@ def choose_placed(chosen: IntArray, candidates: BallCandidates, frame: IntArray,
 
 
 def resolve_marks(corrections: Sequence[RallyCorrection], frame: IntArray, t: FloatArray) -> tuple[EventMark, ...]:
-    """Find the moments of corrected events; `frame` (T,) and `t` (T,), s, are those of the clip."""
-    interval, marks = float(np.median(np.diff(t))), []
+    """Find the moments of corrected events; `frame` (T,) and `t` (T,), s, are those of the clip.
+
+    Outside of the clip frames follow each other at its mean rate: what is marked there is no event of its last frame.
+    """
+    marks = list[EventMark]()
+    if len(t) < 2:
+        return ()
+    interval, mean = float(np.median(np.diff(t))), float((t[-1] - t[0]) / (frame[-1] - frame[0]))
     for one in corrections:
         moments = {"mark": [(one.frame, True)], "delete": [(one.frame, False)],
                    "move": [(one.frame, False), (one.to_frame or 0.0, True)]}[one.kind]  # fmt: skip
         for at, is_there in moments:
-            times = float(np.interp(at, frame, t)), HAND_TIME_FRAMES * interval, TIME_FRAMES * interval
-            marks.append(EventMark(one.event, *times, is_there))
+            inside = min(max(at, frame[0]), frame[-1])
+            moment = float(np.interp(inside, frame, t)) + mean * float(at - inside)
+            marks.append(EventMark(one.event, moment, HAND_TIME_FRAMES * interval, TIME_FRAMES * interval, is_there))
     return tuple(marks)
 
 

@@ -15,7 +15,12 @@ from models.core.progress import ignore_progress
 from models.core.rally import BallCandidates, Rally
 from models.estimation.rally.explain_rally import explain_rally
 from models.estimation.rally.flight_observations import MARK_EVIDENCE, EventMark, weigh_marks
-from models.estimation.rally.rally_marks import correct_candidates, resolve_marks, settle_marks
+from models.estimation.rally.rally_marks import (
+    correct_candidates,
+    resolve_marks,
+    resolve_places,
+    settle_marks,
+)
 from models.sports.sport_catalogue import find_sports
 
 
@@ -137,3 +142,27 @@ def test_events_are_weighed_once_per_mark_and_a_moved_one_is_not_denied() -> Non
     assert weigh_marks((gone,), ("hit", "bounce"), np.array([1.0, 1.0])) == -MARK_EVIDENCE
     assert weigh_marks((there, gone), ("hit",), np.array([1.05])) == MARK_EVIDENCE
     assert weigh_marks((there, gone), ("bounce",), np.array([1.05])) == 0
+
+
+def test_what_is_marked_outside_of_the_clip_is_no_event_of_its_last_frame() -> None:
+    frame, t = np.array([0, 1, 2, 4]), np.array([0.0, 0.1, 0.2, 0.4])
+    marks = [RallyCorrection("move", "hit", 3, 9), RallyCorrection("delete", "bounce", 2.5)]
+    assert [round(one.t, 6) for one in resolve_marks(marks, frame, t)] == [0.3, 0.9, 0.25]
+    (early,) = resolve_marks([RallyCorrection("mark", "hit", 5)], frame + 10, t)
+    assert early.t == pytest.approx(-0.5)
+    scene, rally, seen = play_tennis()
+    plain = explain(scene, rally, seen, Corrections())
+    far = explain(scene, rally, seen, Corrections(events=(RallyCorrection("mark", "bounce", 9000),)))
+    assert far.notes == ("bounce-set-by-hand-at-360.00-s-fits-no-flight",)
+    assert [(one.kind, one.t) for one in far.events] == [(one.kind, one.t) for one in plain.events]
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_clip_of_one_frame_has_no_marked_moment() -> None:
+    assert resolve_marks([RallyCorrection("mark", "hit", 0)], np.zeros(1, np.int64), np.zeros(1)) == ()
+
+
+def test_a_place_in_a_duplicate_frame_is_one_in_the_frame_that_it_shows_again() -> None:
+    marks = [BallMark("placed", BallPlace(frame, 3.0, 4.0)) for frame in (1, 2, 5, 9)]
+    frames = [one.ball.frame for one in resolve_places(marks, np.array([1, 3, 4, 6]))]
+    assert frames == [1, 1, 4, 9]  # after the last one, no frame is known
