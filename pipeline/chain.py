@@ -86,6 +86,7 @@ class FinishedRally:
     """A finished run of a rally over a net."""
 
     folder: Path
+    clip: Clip
     rally: Rally
     notes: tuple[str, ...] = ()
     """Sentences about irregularities of the clip, and on corrections by hand."""
@@ -419,7 +420,7 @@ def _summarize_run(
     """Summarize a run whose fit is done; `notes` are added to those of the clip."""
     clip: Clip = graph.load("read", entries)
     if "rally" in entries:
-        return FinishedRally(folder, graph.load("rally", entries), (*clip.notes, *memory.notes, *notes))
+        return FinishedRally(folder, clip, graph.load("rally", entries), (*clip.notes, *memory.notes, *notes))
     values = {name: graph.load(name, entries) for name in ("explain", "laws") if name in entries}
     shot: Shot = values["explain"]
     fit = view_inputs(values, options.fit)

@@ -301,7 +301,8 @@ class ShotLibrary:
         folder.rename(place)
         new = self.identify(place)
         former = {card: one for card, one in former.items() if card in self._paths and card != shot}
-        write_text(self._names_file, json.dumps(former | {new: folder.name}))
+        with suppress(OSError):  # the new name holds all the same
+            write_text(self._names_file, json.dumps(former | {new: folder.name}))
         self.announce_changes()
         return new, folder.name
 

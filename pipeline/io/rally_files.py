@@ -46,15 +46,24 @@ def write_rally_files(clip: Clip, rally: Rally, folder: Path, corrections: Corre
         folder: An existing folder.
         corrections: What a person corrected.
     """
-    shown = clip.times_of(rally.frame)
-    clock = CaptureClock(shown, rally.t, np.zeros(len(shown)))  # tables have the times of the clip
+    clock = build_rally_clock(clip, rally)
     tables = {"tracks.csv": _tabulate_places(rally), "events.csv": _tabulate_events(rally),
-              "strokes.csv": tabulate_strokes(rally), "trajectory.csv": _tabulate_flights(rally, clock)}  # fmt: skip
+              "trajectory.csv": _tabulate_flights(rally, clock)}  # fmt: skip
     for name, columns in tables.items():
-        times = {one: clock.presentation_time_at(np.asarray(columns[one])) for one in TIMES if one in columns}
-        write_columns(columns | times, folder / name)
+        write_columns(_state_shown_times(columns, clock), folder / name)
+    write_columns(tabulate_strokes(rally, clock), folder / "strokes.csv")
     document = {**describe_rally(clip, rally), "set_by_hand": describe_corrections(corrections)}
     (folder / "scene.json").write_text(format_strict_json(document), encoding="utf-8")
+
+
+def build_rally_clock(clip: Clip, rally: Rally) -> CaptureClock:
+    """Build the clock that relates when frames of a rally were taken to when its clip shows them."""
+    return CaptureClock(clip.times_of(rally.frame), rally.t, np.zeros(len(rally.t)))
+
+
+def _state_shown_times(columns: Columns, clock: CaptureClock) -> Columns:
+    """Replace the times of a table, at which something happened, by those at which the clip shows it."""
+    return columns | {one: clock.presentation_time_at(np.asarray(columns[one])) for one in TIMES if one in columns}
 
 
 def _tabulate_places(rally: Rally) -> Columns:
@@ -85,10 +94,11 @@ def _tabulate_events(rally: Rally) -> Columns:
     }  # fmt: skip
 
 
-def tabulate_strokes(rally: Rally) -> Columns:
+def tabulate_strokes(rally: Rally, clock: CaptureClock) -> Columns:
     """Tabulate the strokes: speed at the racket, apex, height over the net, landing and its probabilities.
 
     The landing is where the object first touched the surface, or would have had nobody returned it (`landing_seen` 0).
+    Times are those of the clip.
     """
     strokes = summarize_strokes(rally)
     numbers = np.array([_list_numbers(one) for one in strokes], np.float64).reshape(-1, len(STROKE_NUMBERS))
@@ -96,7 +106,7 @@ def tabulate_strokes(rally: Rally) -> Columns:
         "shot": np.full(len(strokes), SHOT_NUMBER), "frame": find_frames(rally, numbers[:, 0]),
         "player": [one.hit.player for one in strokes],
     }  # fmt: skip
-    return {**columns, **dict(zip(STROKE_NUMBERS, numbers.T, strict=True))}
+    return _state_shown_times({**columns, **dict(zip(STROKE_NUMBERS, numbers.T, strict=True))}, clock)
 
 
 def _list_numbers(stroke: Stroke) -> list[float]:
@@ -143,7 +153,7 @@ def describe_rally(clip: Clip, rally: Rally) -> dict[str, Any]:
     sport, camera = rally.scene.sport, rally.scene.camera
     dropped = int(np.count_nonzero(np.isfinite(rally.px[:, 0]) & ~rally.is_used))
     chi2 = [one.chi2 for one in rally.flights if math.isfinite(one.chi2)]
-    used = rally.px_sigma[rally.is_used]
+    used, clock = rally.px_sigma[rally.is_used], build_rally_clock(clip, rally)
     return {
         "scene": "rally",
         "sport": sport.name,
@@ -167,8 +177,8 @@ def describe_rally(clip: Clip, rally: Rally) -> dict[str, Any]:
                   *(["turn_drag"] if sport.object.turn_drag.mean else [])],
         "flights": [_describe_flight(one) for one in rally.flights],
         "landings": [
-            {"probability": one.weight, "t": one.t, "t_sigma": one.t_sigma, "place": one.place,
-             "covariance": one.covariance, "is_seen": one.is_seen}
+            {"probability": one.weight, "t": float(clock.presentation_time_at(np.array(one.t))),
+             "t_sigma": one.t_sigma, "place": one.place, "covariance": one.covariance, "is_seen": one.is_seen}
             for one in rally.landings
         ],
         "no_landing": rally.no_landing,

@@ -26,7 +26,8 @@ from pipeline.api import RallyRun
 from pipeline.batch.clip_job import ClipLimits, ClipResult
 from pipeline.batch.clip_run import run_job
 from pipeline.batch.run_batch import Batch, run_batch
-from pipeline.chain import run_tables
+from pipeline.chain import FinishedRally, run_tables
+from pipeline.cli.commands.run_command import _rally_to_json
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.corrections_file import corrections_path
 from pipeline.io.rally_files import write_rally_files
@@ -126,9 +127,17 @@ def test_tables_have_the_times_of_the_clip_although_its_frames_were_taken_at_oth
     event, flight = rally.events[0], rally.flights[0]
     late = replace(
         rally, t=rally.t + 0.25, events=(replace(event, t=event.t + 0.25),),
-        flights=(replace(flight, start=flight.start + 0.25, end=flight.end + 0.25),), landings=(),
+        flights=(replace(flight, start=flight.start + 0.25, end=flight.end + 0.25),),
+        landings=tuple(replace(one, t=one.t + 0.25) for one in rally.landings),
     )  # fmt: skip
     write_rally_files(clip, late, tmp_path)
+    landing = json.loads((tmp_path / "scene.json").read_text())["landings"][0]
+    assert landing["t"] == pytest.approx(courts.scene["landings"][0]["t"])
+    printed, plain = (_rally_to_json(FinishedRally(tmp_path, clip, one)) for one in (late, rally))
+    for name in ("events", "strokes"):
+        times = [[row["t"] for row in document[name]][:1] for document in (printed, plain)]
+        assert times[0] == pytest.approx(times[1])
+    assert printed["landing"]["t"] == pytest.approx(plain["landing"]["t"])
     for name in ("tracks.csv", "events.csv", "strokes.csv", "trajectory.csv"):
         texts = [(folder / name).read_text(encoding="utf-8") for folder in (tmp_path, courts.out)]
         rows, before = (list(csv.DictReader(text.splitlines())) for text in texts)

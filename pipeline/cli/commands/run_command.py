@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 
 from models.estimation.rally.landing_judgement import judge_landing
@@ -15,7 +16,7 @@ from models.numerics.jit import notify_first_compilation
 from pipeline.chain import FinishedRally, FinishedRun, default_run_folder
 from pipeline.engine.helper_executor import DeferredExecutor
 from pipeline.engine.result_cache import open_cache
-from pipeline.io.rally_files import tabulate_strokes
+from pipeline.io.rally_files import build_rally_clock, tabulate_strokes
 from pipeline.io.run_tables import describe_shot_numbers
 from pipeline.io.strict_json import replace_nonfinite
 from pipeline.recording_shots import ShotChoice, run_chosen_shot
@@ -111,15 +112,23 @@ def _print_notes(notes: Iterable[str]) -> None:
 
 
 def _rally_to_json(finished: FinishedRally) -> dict[str, Any]:
-    """Return folder, sport, trust level, events and the call of the landing as JSON values."""
-    rally = finished.rally
+    """Return folder, sport, trust level, events, strokes and the call of the landing as JSON values.
+
+    Times are those of the clip, as in the tables.
+    """
+    rally, clock = finished.rally, build_rally_clock(finished.clip, finished.rally)
     names = ("kind", "t", "t_sigma", "player", "probability", "speed", "speed_sigma")
-    rows = [{name: getattr(one, name) for name in names} | {"place": one.place} for one in rally.events]
-    table = tabulate_strokes(rally)
+    shown = clock.presentation_time_at(np.array([one.t for one in rally.events]))
+    rows = [{name: getattr(one, name) for name in names} | {"t": float(t), "place": one.place}
+            for one, t in zip(rally.events, shown, strict=True)]  # fmt: skip
+    landing = describe_landing_call(judge_landing(rally), rally)
+    if landing["t"] is not None:
+        landing["t"] = float(clock.presentation_time_at(np.array(landing["t"])))
+    table = tabulate_strokes(rally, clock)
     strokes = [dict(zip(table, row, strict=True)) for row in zip(*map(list, table.values()), strict=True)]
     document = {"folder": str(finished.folder), "sport": rally.scene.sport.name,
                 "trust": summarize_trust(finished.trust), "events": rows,
-                "strokes": strokes, "landing": describe_landing_call(judge_landing(rally), rally)}  # fmt: skip
+                "strokes": strokes, "landing": landing}  # fmt: skip
     return dict(replace_nonfinite(document))
 
 

@@ -236,6 +236,15 @@ def test_a_name_is_refused_for_what_is_wrong_with_it_and_an_old_one_is_taken_bac
     assert library.rename(shot, before)[0] == library.identify(tmp_path / "a: shot")
 
 
+def test_a_new_name_holds_although_the_former_one_cannot_be_noted(tmp_path: Path) -> None:
+    write_run(tmp_path / "shot")
+    library = ShotLibrary(tmp_path)
+    (library.own / "former-names.json").mkdir()  # no file can take its place
+    library.rename(library.identify(tmp_path / "shot"), "better")
+    assert [card.name for card in library.list_cards()] == ["better"]
+    assert library.read_former_names() == {}
+
+
 def test_the_case_of_a_name_is_changed_where_the_file_system_ignores_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
