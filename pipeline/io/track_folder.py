@@ -228,7 +228,8 @@ def _read_rally_flights(folder: Path) -> TrackFolder:
     # what lifts a shuttle is over with its turn-over
     model = ["air_drag", *(["magnus"] if item.lift and not item.turn_length else [])]
     note = f"{folder} holds a rally that one camera saw: {len(flights)} flights are compared in the image, in px"
-    return TrackFolder(SceneEntry(scene="flight", model=model), flights, notes=(note,))
+    # one drag is fitted to all flights: those of another shuttle or ball, which has another radius, are refused
+    return TrackFolder(SceneEntry(scene="flight", radius=item.radius, model=model), flights, notes=(note,))
 
 
 def _read_table(entry: SceneEntry, path: Path) -> tuple[tuple[Recording, ...], tuple[str, ...], tuple[str, ...]]:

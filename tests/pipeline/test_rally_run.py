@@ -21,6 +21,7 @@ import trueroll
 from models.core.court_camera import CourtScene
 from models.core.errors import OptionError
 from models.core.progress import Progress, ignore_progress
+from models.sports.sport_catalogue import find_sports
 from pipeline.actions.diagnose_batch import group_by_table
 from pipeline.api import RallyRun
 from pipeline.batch.clip_job import ClipLimits, ClipResult
@@ -31,7 +32,8 @@ from pipeline.cli.commands.run_command import _rally_to_json
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.corrections_file import corrections_path
 from pipeline.io.rally_files import write_rally_files
-from pipeline.io.saved_shot import read_rally
+from pipeline.io.saved_shot import read_rally, write_shot
+from pipeline.io.track_folder import read_track_folders
 from pipeline.recording_shots import find_recording_shots
 from pipeline.reporting.text.rally_sentences import assess_rally_trust
 from pipeline.run_options import RunOptions, list_setting_values
@@ -245,6 +247,17 @@ def test_the_flights_of_a_rally_are_diagnosed_in_the_image(courts: Home, tmp_pat
     assert (document["scene"], document["model"], document["gap"]["metric"]) == ("flight", ["air_drag"], "rms_px")
     assert document["verdict"] == "undecidable"  # of one flight
     assert (tmp_path / "gap" / "gap.html").is_file()
+
+
+@pytest.mark.parametrize("sport", ["tennis", "table-tennis"])
+def test_rallies_of_two_sports_are_diagnosed_separately(courts: Home, tmp_path: Path, sport: str) -> None:
+    rally = read_rally(courts.out)
+    other = replace(rally, scene=replace(rally.scene, sport=find_sports()[sport]))
+    write_rally_files(open_clip(courts.clip), other, tmp_path)
+    write_shot(other, {}, "", tmp_path)
+    assert len(read_track_folders([tmp_path]).recordings) == 1
+    with pytest.raises(OptionError, match="walls, radius or known inputs"):
+        read_track_folders([courts.out, tmp_path])
 
 
 def test_a_rally_is_predicted_from_what_was_seen_until_then(courts: Home, tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from models.core.scene import Scene
 from models.core.tracks import Tracks
 from models.estimation.hand_marks.resolved_marks import update_ball_names
 from pipeline.reporting.text.text_formatting import format_law, start_sentence
+from video.io.video_options import BILLIARDS
 
 # Reason of a run without a fit of contact models.
 NOT_ASKED = "Contact models for the whole shot were not compared, so that side spin is not known."
@@ -40,9 +41,9 @@ def note_corrections(scene: Scene, corrections: Corrections, tracks: Tracks) -> 
 
 def format_corrections(corrections: Corrections, naming: Naming) -> tuple[str, ...]:
     """Format all corrections, each as a phrase; empty where nothing was set by hand."""
+    surface = "table" if corrections.sport in (None, BILLIARDS) else "court"
     settings = {
-        "the corners of the table": None if corrections.sport else corrections.corners,
-        "the corners of the court": corrections.sport and corrections.corners,
+        f"the corners of the {surface}": corrections.corners,
         f"the sport, {corrections.sport}": corrections.sport,
         f"the table, {corrections.table}": corrections.table,
         f"the ball radius, {1000 * (corrections.ball_radius or 0):g} mm": corrections.ball_radius,

@@ -4,13 +4,22 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from models.core.corrections import BallMark, BallPlace, ContactCorrection, Corrections, TrackEdit
+from models.core.corrections import (
+    BallMark,
+    BallPlace,
+    ContactCorrection,
+    Corrections,
+    RallyCorrection,
+    TrackEdit,
+)
 from models.core.errors import OptionError
+from models.core.naming import Naming
 from pipeline.io.corrections_file import (
     SCHEMA,
     CorrectionsFile,
@@ -20,10 +29,12 @@ from pipeline.io.corrections_file import (
     read_corrections,
     write_corrections,
 )
+from pipeline.reporting.text.fit_sentences import format_corrections
 
 CUE, RED = BallPlace(12, 100.5, 80.25, "cue"), BallPlace(12, 140.0, 81.0)
 EVERYTHING = Corrections(
     corners=((10.0, 10.5), (200.0, 11.0), (201.0, 110.0), (9.0, 111.0)),
+    sport="badminton",
     table="2.54x1.27",
     ball_radius=0.028575,
     fps="30000/1001",
@@ -40,6 +51,11 @@ EVERYTHING = Corrections(
         ContactCorrection("move", "cushion", 20.0, CUE, cushion="left", to_frame=21.25),
         ContactCorrection("delete", "strike", 3.0, CUE),
     ),
+    events=(
+        RallyCorrection("mark", "landing", 153.0),
+        RallyCorrection("move", "hit", 47.5, 49.0),
+        RallyCorrection("delete", "net", 88.0),
+    ),
 )
 
 
@@ -54,7 +70,7 @@ def test_every_correction_is_read_as_it_was_written(tmp_path: Path) -> None:
 
 def test_a_person_can_read_the_file_one_line_per_correction() -> None:
     lines = format_corrections_file(CorrectionsFile(1, "", EVERYTHING)).splitlines()
-    assert sum('"kind"' in line for line in lines) == 10
+    assert sum('"kind"' in line for line in lines) == 13
     assert max(map(len, lines)) < 200
 
 
@@ -146,3 +162,11 @@ def test_a_shot_of_a_recording_gets_its_part() -> None:
 def test_a_file_without_its_head_is_accepted() -> None:
     content = parse_corrections({"schema": SCHEMA, "fps": "25"})
     assert content == CorrectionsFile(corrections=Corrections(fps="25"))
+
+
+@pytest.mark.parametrize(("sport", "surface"), [(None, "table"), ("billiards", "table"), ("tennis", "court")])
+def test_corrections_are_said_in_phrases(sport: str | None, surface: str) -> None:
+    corners, *others = format_corrections(replace(EVERYTHING, sport=sport), Naming())
+    assert corners == f"the corners of the {surface}"
+    assert ("the sport, tennis" in others) == (sport == "tennis")
+    assert others[-3:] == ["landing at frame 153.0", "hit at frame 49.0, not 47.5", "no touch of the net at frame 88.0"]
