@@ -134,7 +134,7 @@ export const text = {
   corners: {
     title: (name) => `Where is the table or court in ${name}?`,
     hint: "Drag the four rings to the corners of the playing surface: of a table, where the cushions meet the cloth; of a court, its outer lines. Arrow keys move a ring, too.",
-    picture: "First frame of the clip",
+    picture: "Frame of the clip",
     handle: (number, x, y) => `Corner ${number} at ${formatPercent(x)} from the left, ${formatPercent(y)} from the top`,
     what: "What is it?",
     sports: { "": "A billiard table", badminton: "A badminton court", tennis: "A tennis court", "table-tennis": "A table for table tennis" },

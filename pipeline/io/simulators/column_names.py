@@ -93,7 +93,7 @@ def find_input_columns(
         return [ordered[k] for k in range(len(columns))], [f"{place}: the input {pairs}"] if pairs else []
     silent = [name for name, column in zip(simulator.inputs, chosen_columns, strict=True) if column is None]
     if silent:
-        notes.append(f"{place} has no column for {', '.join(silent)}, told 0 all the time")
+        notes.append(f"{place} has no column for {', '.join(silent)}: taken for 0 all the time")
     return chosen_columns, notes
 
 

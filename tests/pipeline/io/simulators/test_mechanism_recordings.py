@@ -226,7 +226,7 @@ def test_an_actuator_that_is_called_like_its_joint_has_a_column_of_its_own(tmp_p
 def test_an_input_without_a_column_is_named_in_a_note(tmp_path: Path, simulator: str):
     shots = read_mechanism_shots(write(tmp_path, "t,hinge,other", swing_rows()), simulator)
     notes = " ".join(shots.notes)
-    assert "no column for servo, told 0" in notes
+    assert "no column for servo: taken for 0" in notes
     assert "not used: other" in notes
 
 
