@@ -116,7 +116,8 @@ def test_times_of_the_page_count_from_where_a_trimmed_slow_motion_begins(
         folder = tmp_path / str(trim)
         folder.mkdir()
         render = RenderOptions(slow=8.0, trim_still=trim)
-        stages = {one.name: one for one in rally_output_stages(RallyPageOptions("rally.mp4", 8.0, ()), render)}
+        page = RallyPageOptions("rally.mp4", 8.0, ())
+        stages = {one.name: one for one in rally_output_stages(page, render, NO_CORRECTIONS)}
         inputs = {"read": clip, "rally": late, "poster": folder}
         for name in ("poster", "report"):
             stages[name].run(inputs, stages[name].options, folder, ignore_progress)
