@@ -15,6 +15,7 @@ from support.filmed_rally import film_rally
 from support.page_words import read_page
 from support.staged_rally import stage_rally
 
+from models.core.corrections import NO_CORRECTIONS
 from models.core.court_camera import rotation_matrix
 from models.core.progress import ignore_progress
 from models.core.rally import BallCandidates, Rally
