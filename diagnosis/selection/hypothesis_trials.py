@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from diagnosis.fitting.hypothesis_fits import (
     ALL_GUESSES_FIT,
@@ -26,7 +25,7 @@ from diagnosis.selection.hypotheses import (
     get_shot_information,
 )
 from diagnosis.selection.unknown_effects import SUSPICIOUS_P_VALUE, agreement_p_value
-from models.core.typing import FloatArray
+from models.core.typing import BoolArray, FloatArray
 
 # chi2 gain from which a hypothesis explains something.
 CLEAR_GAIN = 50.0
@@ -98,6 +97,7 @@ def _iterate_fits(
         for forms in _list_forms(problem, names, near)
     ]
     yield from coarse
+    yield from _iterate_fits_from_usual_strengths(problem, near, coarse, fresh)
     explained = near.fitted.cost - min(one.fitted.cost for one in search.hypotheses.values())
     most = near.fitted.cost - min(fitted.cost for fitted in coarse)
     for fitted in coarse:
@@ -114,6 +114,26 @@ def _iterate_fits(
             yield from _iterate_detailed_fits(problem, fitted, names)
         if fitted.cost > near.fitted.cost:
             yield restart_poor_shots(problem, fitted)
+
+
+def _iterate_fits_from_usual_strengths(
+    problem: DiagnosisProblem, near: Hypothesis, coarse: list[EffectFit], fresh: BoolArray
+) -> Iterator[EffectFit]:
+    """Yield fits of added effects that came to nothing at a bound, from a usual strength on its inner side.
+
+    The other effects have taken such values without it that its strength would have to become negative, and leave a
+    large misfit; beside other values of theirs, it may explain more. A few iterations do not reach these.
+    """
+    low, high, sigma = np.transpose([(*prior.bounds, prior.sigma) for prior in problem.priors])
+    for fitted in coarse:
+        neutral = problem.neutral(fitted.forms)
+        masks = [fresh & problem.mask((name,)) for name in fitted.names]
+        absent = np.any([mask & np.all((fitted.shared == neutral)[mask]) for mask in masks], axis=0)
+        inward = absent * ((neutral == low).astype(float) - (neutral == high))
+        if fitted.forms == near.fitted.forms and fitted.lack_of_fit > POOR_LACK_OF_FIT and inward.any():
+            guess = problem.clip_to_bounds(fitted.shared + inward * sigma)
+            if can_simulate(problem, near.fitted, fitted.forms, guess):
+                yield fit_effects(problem, fitted.segments, fitted.names, fitted.forms, guess, near.fitted.starts)
 
 
 def _fit_coarsely(
@@ -193,7 +213,7 @@ def restart_disagreeing_shots(search: EffectSearch) -> None:
         search.replace_fit(one, min(own, refitted, key=lambda fitted: fitted.cost))
 
 
-def _may_be_absorbed(problem: DiagnosisProblem, fitted: EffectFit, fresh: NDArray[np.bool_]) -> bool:
+def _may_be_absorbed(problem: DiagnosisProblem, fitted: EffectFit, fresh: BoolArray) -> bool:
     """Return whether hidden states may have absorbed an effect: the misfit is large, the fitted strength small."""
     neutral = problem.neutral(fitted.forms)
     has_natural = fresh & (problem.natural != neutral)

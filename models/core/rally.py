@@ -144,6 +144,8 @@ class Rally:
     """(P, 5) as in `BallCandidates`."""
     notes: tuple[str, ...] = ()
     """Codes of irregularities."""
+    last_player: tuple[str, float] = ("", 0.0)
+    """Who probably hit last, and its probability: which of several hits of one player it was does not matter."""
 
     def __repr__(self) -> str:
         kinds = [event.kind for event in self.events]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, takewhile
+from math import prod
 
 import numpy as np
 
@@ -239,11 +240,19 @@ def combine_explanations(explanations: RallyExplanations, share: float = EVIDENC
             landing = replace(landing, weight=landing.weight * trusted)
         pairs.append((float(weight), landing))
     landings, nothing = merge_landings(pairs)
+    last_player = _find_last_player(events)
     events = _follow_rules(best, events)
     hits = [event.t for event in events if event.kind == "hit"]
     # the last hit decides in which half a landing is good, however doubtful it is
     events = [event for event in events if event.probability >= _LEAST_EVENT or event.t == max(hits, default=None)]
-    return replace(best, events=tuple(events), landings=landings, no_landing=nothing)
+    return replace(best, events=tuple(events), landings=landings, no_landing=nothing, last_player=last_player)
+
+
+def _find_last_player(events: list[RallyEvent]) -> tuple[str, float]:
+    """Find who hit last, and the probability of it, from events of which the rules may allow one alone."""
+    hits = sorted((one for one in events if one.kind == "hit"), key=lambda one: -one.t)
+    own = list(takewhile(lambda one: one.player == hits[0].player, hits))
+    return (own[0].player, 1 - prod(1 - one.probability for one in own)) if own else ("", 0.0)
 
 
 def _follow_rules(rally: Rally, events: list[RallyEvent]) -> list[RallyEvent]:

@@ -221,7 +221,7 @@ def find_last_hit(rally: Rally, before: float = math.inf) -> RallyEvent | None:
 def _weigh_targets(
     rally: Rally, area: str, best: LandingHypothesis | None
 ) -> list[tuple[tuple[Rectangle, ...], float]]:
-    """Weigh the sets of rectangles in which a landing may be good; shares add to the probability of the last hit.
+    """Weigh the sets of rectangles in which a landing may be good; shares add to the probability of the last hitter.
 
     A landing is good in the half opposite to the hitter, and a service in the box diagonally opposite.
     """
@@ -232,7 +232,8 @@ def _weigh_targets(
         return [(sport.areas[area], 1.0)]
     here = tuple(one for one in sport.areas[area] if ((one[0] + one[2]) / 2 > sport.length / 2) == is_far)
     sides = {(one[1] + one[3]) / 2 > sport.width / 2 for one in here}
-    sure = 1.0 if hit is None else hit.probability
+    player, chance = rally.last_player
+    sure = 1.0 if hit is None else max(hit.probability, chance) if hit.player == player else hit.probability
     if len(here) < 2 or len(sides) < 2 or hit is None:
         return [(here, sure)]
     sigma = max(math.sqrt(float(hit.covariance[1, 1])), LEAST_SIGMA)
@@ -363,6 +364,8 @@ def _find_reason(
     """Find why a clip does not decide: no landing, an unknown side of the hitter, rival landings, or a close one."""
     if not landings or rally.no_landing > 1 - SURE_PROBABILITY:
         return "no_landing"
+    if sum(share for _, share in targets) < SURE_PROBABILITY:
+        return "hitter_unknown"
     inside = [sum(_integrate_over(one, landings[0], rally.scene.sport) for one in target) for target, _ in targets]
     if max(inside) - min(inside) > 0.5 and max(share for _, share in targets) < SURE_PROBABILITY:
         return "hitter_unknown"

@@ -156,9 +156,8 @@ def _format_advice(call: LandingCall, name: str) -> str:
     if call.frames[0] < 0 or call.reason in ("hitter_unknown", "unexplained", "mostly_unexplained"):
         return text
     first, last = call.frames
-    return (
-        f"{text} Sharp frames, or more of them, around frames {first} to {last} would decide, with the {name} in view."
-    )
+    where = f"frame {first}" if first == last else f"frames {first} to {last}"
+    return f"{text} Sharp frames, or more of them, around {where} would decide, with the {name} in view."
 
 
 def format_crossing(crossing: NetCrossing, name: str) -> str:

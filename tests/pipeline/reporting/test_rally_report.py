@@ -15,6 +15,7 @@ from support.filmed_rally import film_rally
 from support.page_words import read_page
 from support.staged_rally import stage_rally
 
+from models.core.corrections import NO_CORRECTIONS
 from models.core.court_camera import rotation_matrix
 from models.core.progress import ignore_progress
 from models.core.rally import BallCandidates, Rally
@@ -116,7 +117,8 @@ def test_times_of_the_page_count_from_where_a_trimmed_slow_motion_begins(
         folder = tmp_path / str(trim)
         folder.mkdir()
         render = RenderOptions(slow=8.0, trim_still=trim)
-        stages = {one.name: one for one in rally_output_stages(RallyPageOptions("rally.mp4", 8.0, ()), render)}
+        page = RallyPageOptions("rally.mp4", 8.0, ())
+        stages = {one.name: one for one in rally_output_stages(page, render, NO_CORRECTIONS)}
         inputs = {"read": clip, "rally": late, "poster": folder}
         for name in ("poster", "report"):
             stages[name].run(inputs, stages[name].options, folder, ignore_progress)

@@ -1,11 +1,15 @@
 """Explanations of one clip weighed together."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.staged_rally import stage_rally
 
 from models.estimation.rally.explain_rally import RallyExplanations, combine_explanations
+from models.estimation.rally.landing_judgement import judge_landing
 from models.estimation.rally.rally_revision import Doubt
+from models.sports.badminton import SPORT as BADMINTON
 from models.sports.tennis import SPORT as TENNIS
 
 
@@ -18,3 +22,15 @@ def test_a_doubt_about_a_bounce_lowers_its_landing() -> None:
     assert sure.landings[0].weight == elsewhere.landings[0].weight == pytest.approx(1.0)
     assert doubtful.landings[0].weight == pytest.approx(0.5)  # the other explanation is as good
     assert doubtful.no_landing == pytest.approx(0.5)
+
+
+def test_which_of_two_hits_of_one_player_was_real_does_not_matter_for_the_half_of_the_landing() -> None:
+    """Nobody hits twice in a row, so one of the hits is none; the landing is good in the other half either way."""
+    rally = stage_rally(BADMINTON, (12.0, 3.0))
+    hit, landing = rally.events
+    twice = replace(rally, events=(replace(hit, t=hit.t - 0.4, place=hit.place - [0.5, 0.0, 0.0]), hit, landing))
+    combined = combine_explanations(RallyExplanations((twice,), np.zeros(1), ()))
+    (last,) = [one for one in combined.events if one.t == hit.t]
+    assert last.probability < 0.9
+    call = judge_landing(combined)
+    assert (call.verdict, call.probability > 0.95) == ("in", True)

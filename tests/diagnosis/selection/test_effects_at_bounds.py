@@ -1,0 +1,62 @@
+"""An effect whose strength would have to become negative where a fit begins is also begun from a usual strength."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from support.pucks import FRICTION, SLOPE, Effect, Filming, Gliding, Pucks, film, one
+
+from diagnosis.fitting.diagnosis_windows import split_into_segments
+from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem, fit_effects
+from diagnosis.fitting.shot_preparation import apply_noise_estimate, estimate_noise
+from diagnosis.selection.hypotheses import EffectSearch, Hypothesis
+from diagnosis.selection.hypothesis_trials import try_hypothesis
+from models.core.recording import Recording
+from models.core.typing import BoolArray, FloatArray
+from models.estimation.multiple_shooting.shooting_windows import LinearizedWindow
+
+STRENGTH = 1.2
+"""1/s, size of the true strength of the sideways force."""
+
+
+@dataclass(frozen=True)
+class BentPucks(Pucks):
+    """Pucks whose sideways force is s (s - side) of its strength s, which is 0 or has the sign of `side`."""
+
+    side: float = 1.0
+
+    def build_model(
+        self, segments: tuple[Recording, ...], forms: tuple[str, ...], jacobian_mask: BoolArray | None = None
+    ) -> Gliding:
+        return BentGliding(self, segments, super().build_model(segments, forms, jacobian_mask).wanted)
+
+
+class BentGliding(Gliding):
+    """The model of these pucks."""
+
+    def linearize(self, window: int, start: FloatArray, shared: FloatArray) -> LinearizedWindow:
+        k = self.scene.names.index("sideways.c")
+        assert isinstance(self.scene, BentPucks)
+        bent = np.array(shared)
+        bent[k] = shared[k] * (shared[k] - self.scene.side)
+        linear = super().linearize(window, start, bent)
+        linear.shared_jacobian[:, :, k] *= 2 * shared[k] - self.scene.side
+        return linear
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_an_effect_that_begins_uphill_from_its_bound_is_found_beyond_the_hill(side: float) -> None:
+    low, high = sorted((0.0, 3.0 * side))
+    bent = Effect("sideways", (one("c", "1/s", 1.0, low, high),), (0.0,))
+    problem = build_diagnosis_problem(BentPucks((FRICTION, SLOPE, bent), side=side), 0.0)
+    truth = {"friction.mu": 0.02, "sideways.c": STRENGTH * (STRENGTH - 1)}
+    filmed = film(np.random.default_rng(1), truth, Filming(shots=4))
+    base = fit_effects(problem, split_into_segments(problem, apply_noise_estimate(filmed, estimate_noise(filmed))))
+    search = EffectSearch(problem, Hypothesis(frozenset(), base), simulator_fit=base)
+    stuck = fit_effects(problem, base.segments, ("sideways",), base.forms, base.shared, base.starts)
+    assert stuck.shared[problem.mask(("sideways",))] == 0
+    fitted = try_hypothesis(search, frozenset({"sideways"}), search.base).fitted
+    assert fitted.shared[problem.mask(("sideways",))] == pytest.approx(side * STRENGTH, abs=0.02)
+    assert fitted.lack_of_fit < 1.2 < stuck.lack_of_fit
