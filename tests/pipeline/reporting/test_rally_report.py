@@ -15,6 +15,7 @@ from support.filmed_rally import film_rally
 from support.page_words import read_page
 from support.staged_rally import stage_rally
 
+from models.core.corrections import Corrections
 from models.core.court_camera import rotation_matrix
 from models.core.progress import ignore_progress
 from models.core.rally import BallCandidates, Rally
@@ -116,7 +117,8 @@ def test_times_of_the_page_count_from_where_a_trimmed_slow_motion_begins(
         folder = tmp_path / str(trim)
         folder.mkdir()
         render = RenderOptions(slow=8.0, trim_still=trim)
-        stages = {one.name: one for one in rally_output_stages(RallyPageOptions("rally.mp4", 8.0, ()), render)}
+        options = RallyPageOptions("rally.mp4", 8.0, ())
+        stages = {one.name: one for one in rally_output_stages(options, render, Corrections())}
         inputs = {"read": clip, "rally": late, "poster": folder}
         for name in ("poster", "report"):
             stages[name].run(inputs, stages[name].options, folder, ignore_progress)
@@ -134,6 +136,10 @@ def test_an_unsure_last_hit_leaves_the_point_open(filmed: tuple[Clip, Rally]) ->
     point = format_point(unsure, judge_landing(unsure))
     assert not point.is_decided
     assert "70 %" in point.confidence
+    assert "no landing in view" not in point.confidence
+    assert "The last hit is doubtful" in point.reason
+    probable = replace(rally, events=(replace(hit, probability=0.93), *others))
+    assert format_point(probable, judge_landing(probable)).is_decided, "the call counts the doubt of the hit already"
 
 
 def test_a_returned_stroke_states_where_it_would_have_landed(filmed: tuple[Clip, Rally]) -> None:
