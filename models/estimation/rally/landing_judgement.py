@@ -362,8 +362,7 @@ def _find_deciding_frames(rally: Rally, landing: LandingHypothesis | None) -> tu
 def _find_reason(
     rally: Rally, targets: list[tuple[tuple[Rectangle, ...], float]], landings: list[LandingHypothesis]
 ) -> CallReason:
-    """Find why a clip does not decide: no landing, an unknown side of the hitter, rival landings, or else what is more
-    doubtful, the last hit or the place."""
+    """Find why a clip does not decide: no landing, an unknown side, rival landings, or the worse of hit and place."""
     if not landings or rally.no_landing > 1 - SURE_PROBABILITY:
         return "no_landing"
     inside = [sum(_integrate_over(one, landings[0], rally.scene.sport) for one in target) for target, _ in targets]
