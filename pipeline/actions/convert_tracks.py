@@ -233,7 +233,10 @@ def import_tracks(
         scene = options.scene or ("" if is_table else read_tracks(source, origin.name)[0].scene.get("scene"))
         if scene not in NAMED_SCENES:
             names = ", ".join(NAMED_SCENES)
-            raise OptionError(f"{escape_text(source)} does not state what moves in it; state --scene ({names})")
+            raise OptionError(
+                f"{escape_text(source)} does not state what moves in it; state --scene ({names}), or for joints of a"
+                " mechanism your own --simulator"
+            )
         target = into / f"{number + 1:02d}-{source.name.split('.')[0]}"
         if is_table:
             target.mkdir(parents=True, exist_ok=True)

@@ -37,7 +37,9 @@ FORWARD = ("near", "left")
 # Probability of what nothing observed speaks for or against (principle of indifference).
 INDIFFERENT = 0.5
 
-CallReason = Literal["close", "no_landing", "hitter_unknown", "several", "unexplained", "mostly_unexplained"]
+CallReason = Literal[
+    "close", "no_landing", "hit_doubtful", "hitter_unknown", "several", "unexplained", "mostly_unexplained"
+]  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +64,7 @@ class LandingCall:
     probability: float
     """Of in; a place on the line is in."""
     out_probability: float
-    """Of out; the rest to 1 is that it does not land."""
+    """Of out; the rest to 1 is that it does not land, or that the last hit was none."""
     half: str
     """Half in which a landing is good: `near`, `far`, `left` or `right`; empty where that is not known."""
     rectangles: tuple[Rectangle, ...]
@@ -361,12 +363,14 @@ def _find_deciding_frames(rally: Rally, landing: LandingHypothesis | None) -> tu
 def _find_reason(
     rally: Rally, targets: list[tuple[tuple[Rectangle, ...], float]], landings: list[LandingHypothesis]
 ) -> CallReason:
-    """Find why a clip does not decide: no landing, an unknown side of the hitter, rival landings, or a close one."""
+    """Find why a clip does not decide: no landing, an unknown side, rival landings, or the worse of hit and place."""
     if not landings or rally.no_landing > 1 - SURE_PROBABILITY:
         return "no_landing"
-    if sum(share for _, share in targets) < SURE_PROBABILITY:
-        return "hitter_unknown"
     inside = [sum(_integrate_over(one, landings[0], rally.scene.sport) for one in target) for target, _ in targets]
     if max(inside) - min(inside) > 0.5 and max(share for _, share in targets) < SURE_PROBABILITY:
         return "hitter_unknown"
-    return "several" if landings[0].weight < SURE_PROBABILITY else "close"
+    if landings[0].weight < SURE_PROBABILITY:
+        return "several"
+    share = sum(one for _, one in targets)
+    within = sum(one * part for one, (_, part) in zip(inside, targets, strict=True)) / share
+    return "hit_doubtful" if 1 - share > min(within, 1 - within) else "close"

@@ -179,7 +179,7 @@ export const text = {
   },
   plan: {
     label: (name) => `${name} from above`,
-    hint: "Tap two balls, or a ball and a rail or a pocket: did they touch?",
+    hint: (pockets) => `Tap two balls, or a ball and a rail${pockets.length ? " or a pocket" : ""}: did they touch?`,
   },
   answer: {
     label: "Answer",

@@ -380,6 +380,8 @@ def format_gap_closure(report: DiagnosisReport) -> str:
     if not math.isfinite(closing.before):
         return "No hold-out shot could be predicted: its initial state is too uncertain, or nothing moves."
     before, after, floor = (format_error_size(value, gap.metric) for value in _list_errors(report))
+    # of an own simulator the user must not read the error of its fitted coefficients as that of its file
+    whose = ", its coefficients fitted to the recordings," if math.isfinite(gap.as_stated) else ""
     span = f"over the first {gap.horizon:.2f} s of predicting hold-out shots"
     if gap.floor_reason:
         return (
@@ -389,14 +391,14 @@ def format_gap_closure(report: DiagnosisReport) -> str:
     is_open = report.verdict == "unknown" or (report.verdict == "undecidable" and closing.resolved)
     if is_open and not closing.after < closing.before:
         return (
-            f"The rms error of the simulator {span} is {before} (attainable: {floor}); no effect that trueroll knows"
-            " reduces it."
+            f"The rms error of the simulator{whose} {span} is {before} (attainable: {floor}); no effect that"
+            " trueroll knows reduces it."
         )
     if not closing.resolved or not closing.floor < closing.before:
         share = f"of which {floor}" if closing.floor < closing.before else "which"
         # fitting shots found what is missing, and the user shall know that nothing else confirms it
         doubt = "" if report.verdict == "none" else "; so few hold-out shots do not show a gap beyond it"
-        return f"The rms error of the simulator {span} is {before}, {share} is noise{doubt}."
+        return f"The rms error of the simulator{whose} {span} is {before}, {share} is noise{doubt}."
     change = "adding them" if len(report.effects) > 1 else "adding it"
     change = "the most similar effect" if report.verdict == "unknown" else change
     low, high = map(format_share, closing.interval)
@@ -519,7 +521,7 @@ def _build_cause(one: CandidateEffect, scene: str) -> Cause:
     return Cause(
         format_cause(one.effect),
         one.probability,
-        "; ".join(filter(None, strengths)),
+        name_runs(scene, "; ".join(filter(None, strengths))),
         "; ".join(detectable),
         ", ".join(rivals),
         FORMULAS.get(scene, {}).get(one.effect, ""),

@@ -31,6 +31,7 @@ NOTE_WORDS = {
 REASON_WORDS: dict[CallReason, str] = {
     "close": "The error of the place reaches over the line.",
     "no_landing": "The clip does not show that it landed, nor that it would have.",
+    "hit_doubtful": "The last hit is doubtful, and with it the half in which a landing is good.",
     "hitter_unknown": "The clip does not show from which side it was hit.",
     "unexplained": "The law of flight does not explain the last flight, so that its landing is unknown.",
     "mostly_unexplained": "The law of flight does not explain most of the rally, so that its landing is unknown.",
@@ -153,7 +154,7 @@ def _format_advice(call: LandingCall, name: str) -> str:
     if call.reason is None:
         return ""
     text = REASON_WORDS[call.reason]
-    if call.frames[0] < 0 or call.reason in ("hitter_unknown", "unexplained", "mostly_unexplained"):
+    if call.frames[0] < 0 or call.reason not in ("close", "no_landing", "several"):
         return text
     first, last = call.frames
     where = f"frame {first}" if first == last else f"frames {first} to {last}"

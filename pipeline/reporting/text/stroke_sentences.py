@@ -43,15 +43,13 @@ def format_point(rally: Rally, call: LandingCall) -> PointWords:
     words, name = format_landing(call, rally), rally.scene.sport.object.name
     hit = find_last_hit(rally, np.inf if call.landing is None else call.landing.t)
     hitter = "" if hit is None or not hit.player else hit.player
-    chances = [("in", call.probability), ("out", call.out_probability), ("no landing in view", _find_rest(call))]
+    chances = [("in", call.probability), ("out", call.out_probability), ("no landing in view", rally.no_landing)]
     stated = [f"{what}: {format_probability(p)}" for what, p in chances if p >= 0.0005 or what != chances[2][0]]
     confidence = f"{', '.join(stated)} (by the rules of {call.area.replace('-', ' ')})."
     if hit is not None and hit.probability < SURE_PROBABILITY:
         confidence += f" That the {hitter} player hit it last: {format_probability(hit.probability)}."
     reason = " ".join(filter(None, [_describe_end(rally, call, hitter), words.advice]))
-    sure = 1.0 if hit is None else hit.probability
-    is_decided = bool(hitter) and sure * max(call.probability, call.out_probability) >= SURE_PROBABILITY
-    if not is_decided:
+    if not hitter or call.verdict == "undecided":
         if hitter and call.landing is not None:
             reason += f" If it was in, the {hitter} player won; if it was out, the {OTHER_SIDE[hitter]} player."
         return PointWords("Who won the last point cannot be decided.", False, reason, confidence)
@@ -62,11 +60,6 @@ def format_point(rally: Rally, call: LandingCall) -> PointWords:
     return PointWords(
         f"The {winner} player won the last point: the {name} was {call.verdict}.", True, reason, confidence
     )
-
-
-def _find_rest(call: LandingCall) -> float:
-    """Return the probability that there is no landing."""
-    return max(1 - call.probability - call.out_probability, 0.0)
 
 
 def _may_go_on(rally: Rally, call: LandingCall) -> bool:

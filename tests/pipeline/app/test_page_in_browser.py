@@ -136,6 +136,7 @@ def test_a_visitor_goes_from_a_clip_to_answers_corrections_and_a_comparison(
 
         # The first answer is there, without a question.
         assert "sure" in visitor.find(".answer .verdict").text
+        assert "pocket" not in visitor.find(".plan figcaption").text, "a carom table has none"
         visitor.require_faultless()
 
         # Three questions.

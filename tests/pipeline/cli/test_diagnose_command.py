@@ -77,7 +77,9 @@ def test_a_file_of_another_program_is_diagnosed_as_it_is(trueroll: Terminal, tmp
     folder = write_slides(tmp_path / "slides", 0.8)
     lines = (folder / "tracks.csv").read_text().replace("shot,frame,t,id", "trial;frame;Time (s);particle")
     (tmp_path / "pucks.txt").write_text(lines.replace(",", ";"))
-    assert "state --scene (billiards, flight" in trueroll("diagnose", tmp_path / "pucks.txt").err
+    refusal = trueroll("diagnose", tmp_path / "pucks.txt").err
+    assert "state --scene (billiards, flight" in refusal
+    assert "--simulator" in refusal, "the way of who has recorded joints"
     done = trueroll("diagnose", tmp_path / "pucks.txt", "--scene", "slide")
     assert done.status == 0
     assert "pucks.txt was read as a table of text, of the scene slide" in done.out

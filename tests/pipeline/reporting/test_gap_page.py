@@ -195,6 +195,9 @@ def test_what_is_only_the_prior_is_no_finding(tmp_path: Path) -> None:
         "rate: not identifiable from these shots, which would reveal 47 rad/s² or more"
     )
     assert "10" not in format_strength(replace(rate, detectable_from=float("inf")))
+    gain = CandidateEffect("actuator_gain", 0.9, ("actuator_gain",), (replace(rate, name="gain.m1"),))
+    (cause,) = list_causes(replace(report("none"), scene="mechanism", effects=(), candidates=(gain,)))
+    assert "not identifiable from these runs" in cause.strength, "as the page calls them"
     write_gap_page(replace(report("none"), fitted=(rate, friction)), "carom", tmp_path / "gap.html")
     page = (tmp_path / "gap.html").read_text(encoding="utf-8")
     row = page[page.index("decay of side spin, rate") :].partition("</tr>")[0]
@@ -297,6 +300,8 @@ def test_what_comes_nearest_is_not_called_added_and_noise_is_no_larger_than_the_
     assert format_gap_closure(replace(report("none"), gap=replace(gap, closure=noise))).endswith(
         "1.62 mm, which is noise."
     )
+    own = replace(report("none"), gap=replace(gap, closure=noise, as_stated=0.02))
+    assert "the simulator, its coefficients fitted to the recordings, over the first" in format_gap_closure(own)
     small = replace(nearest, before=0.846, after=0.592, floor=0.592, closed=float("nan"), resolved=False)
     for verdict in ("effects", "unknown"):
         unseen = replace(report(verdict), gap=replace(gap, closure=replace(small, after=0.6)))

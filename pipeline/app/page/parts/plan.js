@@ -42,7 +42,7 @@ export function Plan({ shot }) {
       <${MovingBalls} shot=${shot} plan=${plan} balls=${balls} played=${tab === "play" ? played : null} chosen=${chosen} />
     </g>
   </svg>
-  ${balls.length > 0 && html`<figcaption>${text.plan.hint}</figcaption>`}</figure>`;
+  ${balls.length > 0 && html`<figcaption>${text.plan.hint(plan.pockets ?? [])}</figcaption>`}</figure>`;
 }
 
 /** The view box of a plan that is turned clockwise by quarters about its origin, so that it lies as in the frame. */

@@ -214,6 +214,9 @@ def test_a_doubtful_last_hit_decides_nothing() -> None:
     call = judge_landing(replace(rally, events=(hit, *rally.events[1:])))
     assert call.verdict == "undecided"
     assert call.probability + call.out_probability == pytest.approx(0.6)
+    assert call.reason == "hit_doubtful", "its place is 0.4 m inside"
+    on_the_line = judge_landing(replace(stage_rally(BADMINTON, (13.4, 3.0)), events=(hit, *rally.events[1:])))
+    assert on_the_line.reason == "close", "more doubtful than the hit"
 
 
 def test_a_service_of_table_tennis_is_judged_where_it_touches_the_other_half() -> None:
