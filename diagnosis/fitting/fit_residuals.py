@@ -84,7 +84,10 @@ def compute_residuals(
     """
     weights = [np.sqrt(evaluate_huber_loss(flow.residual)[0]) for flow in linearized.point.windows]
     left = [-flow.residual * weight[:, None] for flow, weight in zip(linearized.point.windows, weights, strict=True)]
-    noise = [_draw_noise(problem.correlation, segment, rng) for segment in fitted.segments]
+    # all windows have the noise of one sensor: their correlation is estimated wrongly by the same amount
+    drawn = problem.correlation + _CORRELATION_SIGMA * rng.standard_normal(NOISE_DRAWS)
+    drawn = np.clip(drawn, 0.0, _MAX_CORRELATION)
+    noise = [_draw_noise(problem.correlation, drawn, segment, rng) for segment in fitted.segments]
     # the residuals are projected like the noise: an iteration stops slightly before its minimum
     both = [np.concatenate([a[..., None], b], axis=2) for a, b in zip(left, noise, strict=True)]
     through = _project_out_fit(linearized, fitted, weights, both)
@@ -123,8 +126,8 @@ def concatenate_residuals(parts: list[FitResiduals]) -> FitResiduals:
     return replace(parts[0], **{"image": None, **joined})
 
 
-def _draw_noise(correlation: float, segment: Recording, rng: np.random.Generator) -> FloatArray:
-    """Draw whitened noise (K, D, NOISE_DRAWS): white, or nearly so where its correlation is an estimate."""
+def _draw_noise(correlation: float, drawn: FloatArray, segment: Recording, rng: np.random.Generator) -> FloatArray:
+    """Draw noise (K, D, NOISE_DRAWS) of correlations `drawn` (NOISE_DRAWS,), whitened by the estimated correlation."""
     count, coordinates = int(segment.is_observed.sum()), segment.positions.shape[2]
     fresh = rng.standard_normal((count, coordinates, NOISE_DRAWS))
     if correlation == 0:
@@ -132,11 +135,8 @@ def _draw_noise(correlation: float, segment: Recording, rng: np.random.Generator
     own = build_noise_chain(segment, 1.0)
     rows, _ = np.nonzero(segment.is_observed)
     steps = rows - rows[own.previous]
-    drawn_correlation = np.clip(
-        correlation + _CORRELATION_SIGMA * rng.standard_normal(NOISE_DRAWS), 0.0, _MAX_CORRELATION
-    )
     for k in np.flatnonzero(own.correlation):
-        correlations = drawn_correlation ** steps[k]
+        correlations = drawn ** steps[k]
         fresh[k] = correlations * fresh[own.previous[k]] + np.sqrt(1 - correlations**2) * fresh[k]
     return build_noise_chain(segment, correlation).whiten(fresh)
 
