@@ -32,6 +32,13 @@ LARGEST_FRAME = 1e9
 NAME_CHARACTERS = 32
 # Ball radii: largest distance of a place from the ball that it names. Beyond, another ball may be nearer.
 PLACE_RADII = 2.0
+# Frame intervals within which a contact is the marked one: a person points at one of the two frames around it, and the
+# fit may place it one further.
+TIME_FRAMES = 2.5
+# Odds of a mark of a person who looked at the frames: one in a thousand is a slip. Guess.
+HAND_ODDS = 1000.0
+# Frame intervals: standard deviation of a time that a person chose between two frames.
+HAND_TIME_FRAMES = 0.5
 
 
 @dataclass(frozen=True, slots=True)

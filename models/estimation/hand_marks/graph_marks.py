@@ -8,13 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from models.core.contact_graph import Contact, ContactGraph, JointSolution, Observations, layout_parameters
+from models.core.corrections import HAND_ODDS, HAND_TIME_FRAMES
 from models.core.fit_result import MarkOutcome, MarkOutcomeCode
 from models.core.options import REQUIRED_GAIN
 from models.core.scene import CUSHIONS, Table
 from models.core.typing import FloatArray
 from models.estimation.hand_marks.resolved_marks import (
-    HAND_ODDS,
-    HAND_TIME_FRAMES,
     NO_BALL,
     ResolvedMark,
     describe_outcome,

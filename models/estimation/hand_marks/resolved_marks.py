@@ -8,7 +8,16 @@ from typing import TypeVar
 
 import numpy as np
 
-from models.core.corrections import PLACE_RADII, BallPlace, ContactCorrection, Corrections, TrackEdit
+from models.core.corrections import (
+    HAND_ODDS,
+    HAND_TIME_FRAMES,
+    PLACE_RADII,
+    TIME_FRAMES,
+    BallPlace,
+    ContactCorrection,
+    Corrections,
+    TrackEdit,
+)
 from models.core.events import Events, merge_events
 from models.core.fit_result import (
     MIN_LISTED_PROBABILITY,
@@ -20,13 +29,6 @@ from models.core.fit_result import (
 )
 from models.core.tracks import Tracks
 
-# Frame intervals within which a contact is the marked one: a person points at one of the two frames around it, and the
-# fit may place it one further.
-TIME_FRAMES = 2.5
-# Odds of a mark of a person who looked at the frames: one in a thousand is a slip. Guess.
-HAND_ODDS = 1000.0
-# Frame intervals: standard deviation of a time that a person chose between two frames.
-HAND_TIME_FRAMES = 0.5
 NO_BALL = -1
 Named = TypeVar("Named", ContactCorrection, TrackEdit)
 

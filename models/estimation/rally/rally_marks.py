@@ -11,10 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.core.corrections import BallMark, RallyCorrection
+from models.core.corrections import HAND_ODDS, HAND_TIME_FRAMES, TIME_FRAMES, BallMark, RallyCorrection
 from models.core.rally import BallCandidates, Rally, RallyEvent
 from models.core.typing import FloatArray, IntArray
-from models.estimation.hand_marks.resolved_marks import HAND_ODDS, HAND_TIME_FRAMES, TIME_FRAMES
 from models.estimation.rally.event_evidence import name_contact
 from models.estimation.rally.flight_observations import EventMark
 from models.estimation.rally.rally_building import build_hit

@@ -11,11 +11,11 @@ from support.frame_rates import convert_rate
 
 from benchmarks.fitting.path_bends import measure_bends
 from models.core.contact_graph import Contact, JointSolution, Observations, layout_parameters
-from models.core.corrections import BallPlace, ContactCorrection
+from models.core.corrections import HAND_TIME_FRAMES, BallPlace, ContactCorrection
 from models.core.fit_result import MarkOutcome
 from models.core.shot import ContactTestResult
 from models.estimation.hand_marks.graph_marks import combine_marked_times
-from models.estimation.hand_marks.resolved_marks import HAND_TIME_FRAMES, ResolvedMark
+from models.estimation.hand_marks.resolved_marks import ResolvedMark
 from models.estimation.joint_fit.fit_solution import end_state
 from models.estimation.joint_fit.joint_refinement import add_covariance, condition_on_contact_times
 from models.estimation.reconstruction import contact_times
