@@ -84,9 +84,10 @@ def compute_residuals(
     """
     weights = [np.sqrt(evaluate_huber_loss(flow.residual)[0]) for flow in linearized.point.windows]
     left = [-flow.residual * weight[:, None] for flow, weight in zip(linearized.point.windows, weights, strict=True)]
-    # all windows have the noise of one sensor: their correlation is estimated wrongly by the same amount
-    drawn = problem.correlation + _CORRELATION_SIGMA * rng.standard_normal(NOISE_DRAWS)
-    drawn = np.clip(drawn, 0.0, _MAX_CORRELATION)
+    drawn = np.zeros(NOISE_DRAWS)
+    if problem.correlation:  # all windows have the noise of one sensor: the error of its correlation is one for all
+        drawn = problem.correlation + _CORRELATION_SIGMA * rng.standard_normal(NOISE_DRAWS)
+        drawn = np.clip(drawn, 0.0, _MAX_CORRELATION)
     noise = [_draw_noise(problem.correlation, drawn, segment, rng) for segment in fitted.segments]
     # the residuals are projected like the noise: an iteration stops slightly before its minimum
     both = [np.concatenate([a[..., None], b], axis=2) for a, b in zip(left, noise, strict=True)]
