@@ -20,6 +20,7 @@ from models.core.shot import Shot
 from models.core.typing import FloatArray, ImageArray
 from pipeline.engine.atomic_write import create_folder, replace_file, require_writable_folder
 from pipeline.engine.stage_graph import RunWatcher
+from pipeline.io.rally_files import build_rally_clock
 from pipeline.io.run_views import view_run
 from pipeline.reporting.text.rally_sentences import assess_rally_trust
 from video.io.audio import add_audio
@@ -172,7 +173,7 @@ def _synthesize_rally(
         raise OptionError("--upright and --shutter are for billiards; leave them out for a rally")
     from video.synthesis.rally_synthesis import build_rally_timeline, synthesize_rally_frames  # slow to import
 
-    times = np.interp(times, source.times_of(rally.frame), rally.t)  # where frames were not taken when they are shown
+    times = build_rally_clock(source, rally).capture_time_at(times)
     decoded = (image for _, image in read_frames(source, indices=rally.frame[np.isin(rally.t, times)]))
     for frame in synthesize_rally_frames(source, build_rally_timeline(rally), times):
         is_decoded = np.isin(frame.t, rally.t)

@@ -221,7 +221,7 @@ class JobQueue:
 
         Args:
             job: Its id.
-            corners: Four pairs of numbers, shares of the width and the height of the picture.
+            corners: Four pairs of numbers, shares of the width and the height of the frame.
             sport: Name of the sport; None where the program may decide.
 
         Returns:
@@ -240,7 +240,7 @@ class JobQueue:
             or not width
             or not all(-width < x < 2 * width and -height < y < 2 * height for x, y in places)
         ):
-            raise Refusal(422, "The four corners of the playing surface in the picture were expected.")
+            raise Refusal(422, "The four corners of the playing surface in the frame were expected.")
         settings = {"corners": ",".join(f"{value:.1f}" for place in places for value in place)}
         if isinstance(sport, str) and sport:
             settings["sport"] = sport[:64]

@@ -69,7 +69,10 @@ _WAY_SOFTNESS = 1.0
 _SHORTEST_FLIGHT, _LONGEST_SHIFT = 0.01, 0.1
 # s after the last observation of a flight up to which a person may have seen where it touched the ground.
 _LONGEST_FALL = 0.5
-_SEARCH = SearchOptions(iterations=30, attempts=6, min_gain=0.05, min_relative_gain=1e-4, quiet_steps=2, damping=1e-2)
+# Steps of a joint fit, and the accuracy that a comparison of explanations needs.
+FULL_SEARCH = SearchOptions(
+    iterations=30, attempts=6, min_gain=0.05, min_relative_gain=1e-4, quiet_steps=2, damping=1e-2
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +169,7 @@ def refine_fit(
     sport: Sport,
     structure: RallyStructure,
     values: FloatArray,
-    search: SearchOptions = _SEARCH,
+    search: SearchOptions = FULL_SEARCH,
 ) -> RallyFit | None:
     """Fit flights of a known structure from initial values (P,)."""
     problem = _Problem(observed, sport, structure)

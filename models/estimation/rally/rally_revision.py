@@ -16,6 +16,7 @@ from models.core.rally import RallyEventKind
 from models.core.typing import BoolArray, FloatArray
 from models.estimation.rally.event_evidence import NET_DEPTH, contact_ranges, name_contact
 from models.estimation.rally.flight_fit import (
+    FULL_SEARCH,
     SHARED_COUNT,
     RallyFit,
     RallyStructure,
@@ -35,9 +36,8 @@ _MOST_PASSES, _NEIGHBOURS = 4, 1
 # s up to which events begin at the same time: what was tried once is not tried again.
 _SAME_START = 0.02
 # Steps after which a rival that is worse by so much evidence is given up: further ones gained a tenth of it at most
-# where a rival came near; and the accuracy that a comparison of local fits needs.
+# where a rival came near.
 _FIRST_LOOK = SearchOptions(iterations=8, attempts=5, min_gain=0.2, min_relative_gain=1e-3, damping=1e-2)
-_SEARCH = SearchOptions(iterations=30, attempts=6, min_gain=0.05, min_relative_gain=1e-4, quiet_steps=2, damping=1e-2)
 _HOPELESS = 100.0
 # Events at the end of a rally whose rivals are fitted wholly, and how many of these.
 _LAST_EVENTS, _MOST_RIVALS = 3, 4
@@ -232,7 +232,7 @@ def _try_variants(
         if key not in past:
             past[key] = None
             if event not in originals:
-                part, original = _fit_part(observed, sport, fit.structure, fit.values, first, stop, _SEARCH)
+                part, original = _fit_part(observed, sport, fit.structure, fit.values, first, stop, FULL_SEARCH)
                 if original is None:
                     continue
                 originals[event] = part, weigh_fit(original, part)
@@ -240,7 +240,7 @@ def _try_variants(
             values = _pin_flights(observed, sport, variant)
             _, other = _fit_part(observed, sport, structure, values, first, stop - fewer, _FIRST_LOOK)
             if other is not None and weigh_fit(other, part) > before - _HOPELESS:
-                other = refine_fit(part, sport, other.structure, other.values, _SEARCH)
+                other = refine_fit(part, sport, other.structure, other.values)
             if other is not None:
                 past[key] = _Trial(event, first, stop, other, weigh_fit(other, part) - before)
         trial = past[key]

@@ -5,7 +5,7 @@ import { loadLibrary } from "../library_store.js";
 import { Lens } from "../parts/lens.js";
 import { text } from "../strings.js";
 
-// Shares of the picture at which the handles begin, and beyond its edges that a corner may lie.
+// Shares of the frame at which the handles begin, and beyond its edges that a corner may lie.
 const START = [[0.2, 0.25], [0.8, 0.25], [0.8, 0.75], [0.2, 0.75]];
 const BEYOND = 0.04;
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
