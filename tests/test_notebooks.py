@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 from pathlib import Path
 
 import nbformat
@@ -36,17 +35,19 @@ def test_every_notebook_begins_with_the_command_that_opens_it() -> None:
         assert f"\n{command}: " in makefile
 
 
+def needs_extra(path: Path) -> bool:
+    """Return whether a notebook needs more than `make run` installs; `test_commands` runs the others."""
+    return any("import mujoco" in cell.source for cell in nbformat.read(path, as_version=4).cells)
+
+
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the notebook libraries themselves
 @pytest.mark.slow
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_a_notebook_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("path", [path for path in NOTEBOOKS if needs_extra(path)], ids=lambda path: path.stem)
+def test_a_notebook_with_an_extra_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("mujoco", reason="mujoco is an extra")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]))
     monkeypatch.setenv("TRUEROLL_CACHE", str(tmp_path / "cache"))
-    (tmp_path / "sample_videos").mkdir()
-    shutil.copy(ROOT / "sample_videos" / "overhead_pool.mp4", tmp_path / "sample_videos")
     notebook = nbformat.read(path, as_version=4)
-    if any("import mujoco" in cell.source for cell in notebook.cells):
-        pytest.importorskip("mujoco", reason="mujoco is an extra")
     client = NotebookClient(notebook, timeout=CELL_SECONDS, resources={"metadata": {"path": str(tmp_path)}})
     client.execute()
     assert all(cell.execution_count for cell in notebook.cells if cell.cell_type == "code")

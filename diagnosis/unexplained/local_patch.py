@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.stats import chi2
@@ -34,6 +35,8 @@ _MAP_STEP, _MAP_RADII = 0.02, (0.04, 0.06, 0.09, 0.13, 0.18, 0.27, 0.4)
 _RADIUS_SHARE, _RADIUS_SPREAD = 0.2, 0.7
 # Number of numbers that describe a patch: place, radius, strength.
 _PATCH_NUMBERS = 4
+# Maps of chance alone, from which a map learns how many independent discs it is worth.
+_CHANCE_MAPS = 39
 # p-value below which the motion across the direction of a stretch is no parabola: the model missed a contact in it.
 _MISSED_CONTACT_P_VALUE = 1e-5
 # Standard deviations by which the places of a body that moves differ at least.
@@ -154,8 +157,8 @@ def _suppose_patch(
     discs = _list_discs(bare.position)
     gain, information = system.measure_gains(discs)
     first = int(np.argmax(gain))
-    # a disc that hardly changes the paths explains nothing; each is tried beside two choices of fields
-    count = 2 * int((information > 0).sum())
+    # each disc is tried beside two choices of fields
+    count = 2 * system.count_independent(discs, information, rng)
     if _patch_p_value(float(gain[first]), 1.0, count) > PATCH_SIGNIFICANCE:
         return None
     best = discs[np.argsort(-gain)[:_CHAINS]]
@@ -165,14 +168,13 @@ def _suppose_patch(
     inflation = max((full.chi2 - float(full.measure_gains(disc)[0][0])) / (full.freedom - _PATCH_NUMBERS), 1.0)
     beside = _choose_fields(bare, fields, inflation, disc)
     won = max(_choose_fields(bare, fields, inflation, disc[:0]).criterion - beside.criterion, 0.0)
-    return _PatchHypothesis(
-        beside, chains, inflation, posterior.strength_scale, won, _patch_p_value(won, inflation, count)
-    )
+    p_value = _patch_p_value(won, inflation, count)
+    return _PatchHypothesis(beside, chains, inflation, posterior.strength_scale, won, p_value)
 
 
-def _patch_p_value(gain: float, inflation: float, count: int) -> float:
-    """Return the probability that the best of `count` discs gains as much by chance."""
-    return correct_for_choices(float(chi2.sf(gain / inflation, _PATCH_NUMBERS)), count)
+def _patch_p_value(gain: float, inflation: float, count: float) -> float:
+    """Return the probability that the best of `count` independent discs, of free strength, gains as much by chance."""
+    return correct_for_choices(float(chi2.sf(gain / inflation, 1)), count)
 
 
 def fit_outside_patch(problem: DiagnosisProblem, base: EffectFit, best: EffectFit, patch: LocalPatch) -> EffectFit:
@@ -243,14 +245,18 @@ class _StretchSystem:
         """Degrees of freedom of the residuals."""
         return int(2 * (len(self.t) - 2 * (len(self.first) - 1)) - self.common_basis.shape[2])
 
-    def score(self, discs: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the information (C,) on the strengths of discs (C, 3), and those strengths times it (C,)."""
-        weight, pull = np.zeros(len(discs)), np.zeros(len(discs))
+    def score(self, discs: FloatArray, residuals: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+        """Return the information (C,) on the strengths of discs (C, 3), and those strengths times it.
+
+        These are (C,); with `residuals` (K, 2, R) instead of the system's own, (C, R).
+        """
+        given = self.residual[..., None] if residuals is None else residuals
+        weight, pull = np.zeros(len(discs)), np.zeros((len(discs), given.shape[2]))
         _score_discs(
             np.ascontiguousarray(discs), self.first, self.t, self.position, self.heading, self.weight,
-            self.start_basis, self.common_basis, self.residual, weight, pull,
+            self.start_basis, self.common_basis, np.ascontiguousarray(given), weight, pull,
         )  # fmt: skip
-        return np.maximum(weight, 0.0), pull
+        return np.maximum(weight, 0.0), pull[:, 0] if residuals is None else pull
 
     def add_fields(self, fields: FloatArray) -> _StretchSystem:
         """Add common fields (K, 2, F), without what starts explain, to a system that has none."""
@@ -266,6 +272,30 @@ class _StretchSystem:
         information, pull = self.score(discs)
         information = np.where(information > _LEAST_SHARE * information.max(initial=0.0), information, 0.0)
         return np.divide(np.square(pull), information, out=np.zeros(len(discs)), where=information > 0), information
+
+    def count_independent(self, discs: FloatArray, information: FloatArray, rng: np.random.Generator) -> float:
+        """Count the independent discs that a map is worth, as discs that overlap gain together.
+
+        Args:
+            discs: (C, 3)
+            information: (C,) of them, 0 where a disc explains nothing.
+            rng: Random generator of the chance maps.
+
+        Returns:
+            The number of independent discs of which the best gains by chance, in the median, as the best of the map.
+        """
+        # the errors of stretches already hold what noise over several rows does
+        drawn = rng.standard_normal((*self.residual.shape, _CHANCE_MAPS))
+        for begin, end in pairwise(self.first):
+            basis, part = self.start_basis[begin:end], drawn[begin:end].reshape(end - begin, -1)
+            drawn[begin:end] -= (basis @ (basis.T @ part)).reshape(drawn[begin:end].shape)
+        flat = drawn.reshape(-1, _CHANCE_MAPS)
+        axes = self.common_basis.reshape(len(flat), -1)
+        flat = flat - axes @ (axes.T @ flat)
+        used = information > 0
+        pull = self.score(discs[used], flat.reshape(drawn.shape))[1]
+        best = np.median((np.square(pull) / information[used, None]).max(axis=0))
+        return max(float(np.log(0.5) / chi2.logcdf(best, 1)), 1.0)
 
 
 def _build_system(stretches: tuple[FreeStretch, ...]) -> tuple[_StretchSystem, FloatArray]:
@@ -348,7 +378,10 @@ def _common_fields(stretch: FreeStretch) -> list[FloatArray]:
 
 @compile_kernel
 def _score_discs(discs, first, t, position, heading, weight, start_basis, common, residual, information, pull):  # type: ignore[no-untyped-def]
-    """Fill information and pull (C,) of discs (C, 3): x, y, radius; other arrays as in `_StretchSystem`."""
+    """Fill information (C,) and pull (C, R) of discs (C, 3): x, y, radius; other arrays as in `_StretchSystem`.
+
+    The residuals (K, 2, R) are those of R draws.
+    """
     longest = 0
     for m in range(len(first) - 1):
         longest = max(longest, first[m + 1] - first[m])
@@ -392,7 +425,8 @@ def _score_discs(discs, first, t, position, heading, weight, start_basis, common
                 for axis in range(2):
                     value = place[i, axis]
                     information[k] += value * value
-                    pull[k] += value * residual[start + i, axis]
+                    for n in range(residual.shape[2]):
+                        pull[k, n] += value * residual[start + i, axis, n]
                     for n in range(len(shares)):
                         shares[n] += value * common[start + i, axis, n]
         for n in range(len(shares)):
