@@ -82,7 +82,7 @@ def find_local_patch(problem: DiagnosisProblem, fitted: EffectFit, rng: np.rando
         rng: Random generator of the samples.
 
     Returns:
-        The patch; None where no disc is significant, or where it leaves more than it explains.
+        The patch; None where no disc is significant, where it leaves more than it explains, or where its place is open.
     """
     return locate_patch(find_free_stretches(problem, fitted), rng)
 
@@ -107,6 +107,9 @@ def locate_patch(stretches: tuple[FreeStretch, ...], rng: np.random.Generator) -
     posterior = _PatchPosterior(model.system, likely.inflation, likely.strength_scale)
     values = posterior.sample(posterior.improve(likely.chains, rng), rng)
     (x, y, radius, strength), (x_sigma, y_sigma, radius_sigma, strength_sigma) = values.mean(axis=0), values.std(axis=0)
+    # a place that is known no better than to lie among the paths is none
+    if np.any([x_sigma, y_sigma] > np.ptp(model.system.position, axis=0) / np.sqrt(12)):
+        return None
     return LocalPatch(
         np.array([x, y]), np.array([x_sigma, y_sigma]), float(radius), float(radius_sigma), float(strength),
         float(strength_sigma), likely.p_value,

@@ -20,7 +20,7 @@ from models.estimation.gap_scenes.sliding_scene import build_sliding_scene
 from models.physics.billiards.tables import TABLE_PRESETS
 
 SHOTS, FPS, SECONDS, NOISE = 9, 30, 0.8, 5e-4
-MU, PATCH_MU, WEAK_MU, RADIUS = 0.1, 0.2, 0.02, 0.2
+MU, PATCH_MU, WEAK_MU, FAINT_MU, RADIUS = 0.1, 0.2, 0.02, 0.003, 0.2
 STEPS = 40
 """Steps of the simulation per frame."""
 CENTRE = np.array([0.3, -0.2])
@@ -40,6 +40,11 @@ def sticky(place: np.ndarray, speed: float, shot: int) -> float:
 def weak(place: np.ndarray, speed: float, shot: int) -> float:
     """Return the deceleration with a weak patch."""
     return (MU + WEAK_MU * float(math.dist(place, CENTRE) < RADIUS)) * GRAVITY
+
+
+def faint(place: np.ndarray, speed: float, shot: int) -> float:
+    """Return the deceleration with a patch that changes paths by no more than their noise."""
+    return (MU + FAINT_MU * float(math.dist(place, CENTRE) < RADIUS)) * GRAVITY
 
 
 def dragging(place: np.ndarray, speed: float, shot: int) -> float:
@@ -79,11 +84,11 @@ def fit_simulator(brake: Brake, seed: int) -> tuple[DiagnosisProblem, EffectFit]
     return problem, fit_effects(problem, tuple(shots))
 
 
-def draw_stretches(seed: int) -> tuple[FreeStretch, ...]:
-    """Simulate stretches over a weak patch, with the residuals of a model without any resistance."""
+def draw_stretches(seed: int, brake: Brake = weak) -> tuple[FreeStretch, ...]:
+    """Simulate stretches over a patch, weak by default, with the residuals of a model without any resistance."""
     rng, stretches = np.random.default_rng(seed), []
     for shot in range(SHOTS):
-        t, places, velocity = move_body(weak, shot, rng)
+        t, places, velocity = move_body(brake, shot, rng)
         moves = np.linalg.norm(velocity, axis=1) > 0.1
         t, places, velocity = t[moves], places[moves], velocity[moves]
         stretches.append(FreeStretch(shot, t, places, np.full(len(t), NOISE), places, velocity))
@@ -104,6 +109,26 @@ def test_errors_of_a_patch_hold() -> None:
     assert 0.6 < np.sqrt(np.square(drawn[:, :2]).mean()) < 1.4
     assert (np.abs(drawn) < 2).mean() > 0.8
     assert np.median([np.linalg.norm(one.centre - CENTRE) for one in patches]) < 0.25 * RADIUS
+
+
+def test_a_patch_whose_place_the_paths_leave_open_is_not_stated() -> None:
+    turned = []
+    for one in draw_stretches(0):
+        # the same motion along one line, from which nobody sees on which side of it the patch lies
+        along = (one.position - CENTRE) @ one.velocity[0] / np.linalg.norm(one.velocity[0])
+        place = CENTRE + np.outer(along, [1.0, 0.0])
+        velocity = np.outer(np.linalg.norm(one.velocity, axis=1), [1.0, 0.0])
+        turned.append(replace(one, position=place, residual=place, velocity=velocity))
+    assert locate_patch(tuple(turned), np.random.default_rng(0)) is None
+
+
+def test_a_weak_patch_stands_out_of_the_chance_of_all_its_neighbours() -> None:
+    counts = []
+    for brake in (faint, plain):
+        found = [locate_patch(draw_stretches(seed, brake), np.random.default_rng(0)) for seed in range(8)]
+        counts.append(sum(one is not None for one in found))
+    assert counts[0] >= 4  # 1 if all overlapping discs of the map counted as independent
+    assert counts[1] == 0
 
 
 def test_a_contact_that_the_model_missed_is_left_out() -> None:
