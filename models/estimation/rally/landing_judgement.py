@@ -70,7 +70,7 @@ class LandingCall:
     rectangles: tuple[Rectangle, ...]
     """Where a landing is good, m."""
     landing: LandingHypothesis | None
-    """The most probable one; None without any."""
+    """The most probable one; None where it more probably does not land."""
     line: str
     """The nearest line, or `net`; beyond several, the one that is missed by most. Empty without a landing."""
     distance: float
@@ -128,7 +128,7 @@ def judge_landing(rally: Rally, area: str | None = None) -> LandingCall:
     if name not in sport.areas:
         raise ValueError(f"{sport.name} has the areas {', '.join(sport.areas)}; got {name!r}")
     landings = sorted(rally.landings, key=lambda one: -one.weight)
-    best = landings[0] if landings else None
+    best = landings[0] if landings and rally.no_landing <= INDIFFERENT else None  # else it is no answer
     targets = _weigh_targets(rally, name, best)
     inside = sum(
         one.weight * share * sum(_integrate_over(rectangle, one, sport) for rectangle in rectangles)

@@ -156,12 +156,16 @@ def _collect_rivals(observed: FlightObservations, sport: Sport, best: RallyFit, 
     for trial in sorted(trials, key=lambda trial: -trial.gain):
         if trial.gain < -WORST_RIVAL:
             break
-        if trial.event >= count - _LAST_EVENTS and len(rivals) < _MOST_RIVALS:
-            other = refine_fit(observed, sport, *_splice(best.structure, best.values, trial))
-            rivals += [other] if other is not None else []
-        else:
+        structure, values = _splice(best.structure, best.values, trial)
+        is_rival, gain = trial.event >= count - _LAST_EVENTS and len(rivals) < _MOST_RIVALS, trial.gain
+        if is_rival or gain > 0:  # what gains beside its neighbours alone, and was not taken over, may gain nothing
+            other = refine_fit(observed, sport, structure, values)
+            gain = -np.inf if other is None else weigh_fit(other, observed) - weigh_fit(best, observed)
+            rivals += [other] if is_rival and other is not None else []
+        # the same events in other places leave no doubt that they happened
+        if not is_rival and structure.kinds != best.structure.kinds:
             start = float(best.values[start_row(trial.event, count)])
-            doubts.append(Doubt(best.structure.kinds[trial.event], start, min(trial.gain, 0.0)))
+            doubts.append(Doubt(best.structure.kinds[trial.event], start, min(gain, 0.0)))
     return Revision(best, tuple(rivals), tuple(doubts))
 
 
