@@ -36,7 +36,7 @@ def main() -> None:
     parser.add_argument("--oracle", action="append", choices=("camera", "candidates"), default=[])
     parser.add_argument("--from-truth", action="store_true", help="detector and camera that know the truth, no clip")
     parser.add_argument("--missing", type=float, default=0.0, help="share of frames in which that detector misses")
-    parser.add_argument("--run", type=float, default=0.0, help="mean number of frames that it misses in a row; 0: each alone")
+    parser.add_argument("--run", type=float, default=0.0, help="mean number of frames that it misses in a row")
     parser.add_argument("--clutter", type=float, default=0.0, help="mean number of its false candidates per frame")
     parser.add_argument("--strokes", type=int, nargs=2, default=(2, 6), help="least and largest number of a rally")
     parser.add_argument("--out", type=Path, default=Path("out/courts"))

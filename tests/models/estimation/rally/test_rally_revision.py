@@ -15,7 +15,7 @@ from models.estimation.rally.flight_fit import (
 )
 from models.estimation.rally.flight_observations import FlightObservations, prepare_observations
 from models.estimation.rally.rally_revision import revise_structures
-from models.estimation.rally.single_flight import build_flight_prior
+from models.estimation.rally.single_flight import TURN_DRAG, build_flight_prior
 from models.physics.flight.flight_motion import fly
 from models.sports.badminton import SPORT
 from tests.support.simple_rallies import usual_view
@@ -58,7 +58,20 @@ def test_a_stroke_that_seems_to_fly_on_is_tried_in_the_other_direction() -> None
     wrong[3] = 20.0
     fit = fit_from(observed, [there, wrong], moments)
     assert fit is not None
-    best = revise_structures(observed, SPORT, [fit])[0].best
+    revision = revise_structures(observed, SPORT, [fit])[0]
+    best = revision.best
     assert fit.values[flight_slice(1)][3] > 0
     assert best.values[flight_slice(1)][3] < -20
     assert best.evidence > fit.evidence + 1000
+    assert not any(doubt.gain > -1 for doubt in revision.doubts), "the same hit in another place leaves no doubt of it"
+
+
+def test_a_shuttle_that_turns_over_is_not_more_slender_than_one_that_flies() -> None:
+    there = state_flight(2.0, 2.5, 1.5, 24.0, 0.5, 14.0)
+    there[TURN_DRAG] = -1.0
+    turning = fly(there, np.array([1.2]), TURN).states[0, :3]
+    flights, moments = [there, state_flight(*turning, -45.0, 1.0, 8.0)], np.array([0.0, 1.2, 2.2])
+    flights[1][TURN_DRAG] = -1.0
+    fit = fit_from(film_flights(flights, moments), flights, moments)
+    assert fit is not None
+    assert fit.values[2] > -0.2, "the drag of the turn-over that all flights share"
