@@ -108,14 +108,11 @@ class RallyFit:
     """(P,) shared parameters, those of each flight, and the start of each flight, s."""
     information: FloatArray
     """(P, P), of priors and observations."""
+    covariance: FloatArray
+    """(P, P), its inverse."""
     cost: float
     evidence: float
     """Natural logarithm (Laplace)."""
-
-    @property
-    def covariance(self) -> FloatArray:
-        """Covariance (P, P) of the values."""
-        return invert_semidefinite(self.information)
 
 
 def flight_slice(index: int) -> slice:
@@ -191,9 +188,10 @@ def refine_fit(
     if not np.isfinite(log_determinant):
         return None  # nothing holds one of its values
     evidence = -0.5 * best.cost + problem.normalizer + 0.5 * len(free) * np.log(2 * np.pi) - 0.5 * log_determinant
-    where = locate_events(structure, best.point, invert_semidefinite(information), sport)
+    covariance = invert_semidefinite(information)
+    where = locate_events(structure, best.point, covariance, sport)
     evidence += weigh_order(structure.kinds, where, ~np.array(structure.joined), sport)
-    return RallyFit(structure, best.point, information, best.cost, float(evidence))
+    return RallyFit(structure, best.point, information, covariance, best.cost, float(evidence))
 
 
 def locate_events(structure: RallyStructure, values: FloatArray, covariance: FloatArray, sport: Sport) -> FloatArray:

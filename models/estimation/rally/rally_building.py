@@ -84,7 +84,7 @@ def _estimate_covariance(
             ) / _CAMERA_STEPS[j]
             pull[columns, j] += np.einsum("nip,ni,n->p", by, change, slope**2)
     free = min(6 * count, max(sum(2 * len(rows) for rows in rows_of) - 1, 0))
-    moved_by = invert_semidefinite(fit.information) @ pull
+    moved_by = fit.covariance @ pull
     covariance = scale_covariance(fit.information, observed_information, estimate_error_scale(series, free))
     return covariance + moved_by @ camera.covariance @ moved_by.T, chi2, used
 
