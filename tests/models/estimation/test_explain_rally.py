@@ -1,5 +1,7 @@
 """Rallies with known truth: what happened is found, in space, with errors that hold."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -134,3 +136,17 @@ def test_a_bounce_after_almost_nothing_is_not_stated():
     explained = explain_rally(scene, candidates, frames_of(rally)[rows], rally.frame_t[rows], ignore_progress)
     assert explained.events
     assert all(event.t > bounce + 0.1 for event in explained.events)
+
+
+def test_a_candidate_far_outside_takes_no_memory():
+    """A camera that turns puts its places far apart in the image that stands still."""
+    sport = find_sports()["badminton"]
+    rng = np.random.default_rng(3)
+    scene, rally = usual_view(sport), play_rally(sport, 2, rng)
+    candidates = observe_rally(scene, rally, rng, clutter=1.0)
+    chosen = associate_candidates(scene, candidates, frames_of(rally), rally.frame_t)
+    centre = candidates.centre.copy()
+    unused = np.setdiff1d(np.arange(len(candidates)), chosen)
+    centre[unused[0]] += 1e9
+    moved = replace(candidates, centre=centre)
+    assert (associate_candidates(scene, moved, frames_of(rally), rally.frame_t) == chosen).all()
