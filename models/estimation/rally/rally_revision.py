@@ -329,6 +329,7 @@ def _vary(observed: FlightObservations, sport: Sport, fit: RallyFit) -> Iterator
         if structure.joined[k]:
             volley = structure.kinds[k] == "hit" and structure.kinds[k - 1] != "bounce"
             yield from _flip(observed, fit, k, sport)
+            yield from _change_surface(observed, fit, k, sport)
             yield from _add_bounce(observed, fit, k, sport) if volley else ()
 
 
@@ -377,6 +378,19 @@ def _flip(observed: FlightObservations, fit: RallyFit, k: int, sport: Sport) -> 
         kinds[j], pins[j] = contact, pin
         heights[j] = sport.floor if sport.is_beside_table(pin.place[2]) else 0.0
     yield _Variant(k, replace(structure, kinds=tuple(kinds), heights=heights), fit.values, pins)
+
+
+def _change_surface(observed: FlightObservations, fit: RallyFit, k: int, sport: Sport) -> list[_Variant]:
+    """Take one of the last bounces on a table for one on the floor, and the other way round: one ray meets both."""
+    structure, count = fit.structure, len(fit.structure)
+    if sport.floor == 0 or structure.kinds[k] != "bounce" or k < count - _LAST_EVENTS:
+        return []
+    start, heights = float(fit.values[start_row(k, count)]), structure.heights.copy()
+    heights[k] = sport.floor if heights[k] == 0 else 0.0
+    row = min(int(np.searchsorted(observed.t, start)), len(observed) - 1)
+    place = fit.values[flight_slice(k)][:3]
+    pin = pin_to_surface(observed.matrix[row], place, start, sport, (float(heights[k]),))
+    return [] if pin is None else [_Variant(k, replace(structure, heights=heights), fit.values, {k: pin})]
 
 
 def _add_bounce(observed: FlightObservations, fit: RallyFit, k: int, sport: Sport) -> list[_Variant]:
