@@ -1,15 +1,15 @@
 """Rendered rallies of an independent simulator: what of them is found, and how sure and true the answers are.
 
     python -m benchmarks.courts [--rallies 12] [--seed 1] [--sport tennis] [--oracle camera] [--out out/courts]
-    python -m benchmarks.courts --from-truth [--missing 0.1] [--clutter 3] [--rallies 30]
+    python -m benchmarks.courts --from-truth [--missing 0.1] [--run 4] [--clutter 3] [--rallies 30]
 
 Clips are rendered once per seed, and answers are stored beside them: `--refresh` runs the program again. `--oracle`
 replaces parts by the truth (camera, candidates), which separates their errors. Every third clip is a phone's, rates go
 from 25 to 60 fps, every fifth is 1080p. Goals are those of the issue on courts.
 
 `--from-truth` renders nothing and takes some seconds per rally: the inference is given the true camera and a detector
-that knows where the object is visible, with a noise of 0.7 px. It may miss a share of the frames, and add false
-candidates.
+that knows where the object is visible, with a noise of 0.7 px. It may miss a share of the frames, one by one or
+in runs, and add false candidates.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ def main() -> None:
     parser.add_argument("--oracle", action="append", choices=("camera", "candidates"), default=[])
     parser.add_argument("--from-truth", action="store_true", help="detector and camera that know the truth, no clip")
     parser.add_argument("--missing", type=float, default=0.0, help="share of frames in which that detector misses")
+    parser.add_argument("--run", type=float, default=0.0, help="mean number of frames that it misses in a row")
     parser.add_argument("--clutter", type=float, default=0.0, help="mean number of its false candidates per frame")
     parser.add_argument("--strokes", type=int, nargs=2, default=(2, 6), help="least and largest number of a rally")
     parser.add_argument("--out", type=Path, default=Path("out/courts"))
@@ -50,7 +51,7 @@ def main() -> None:
             case = CourtCase(sport, number, options.seed, tuple(options.strokes))
             if options.from_truth:
                 truth = read_truth(film_case(case, options.out))
-                answer = answer_truth(truth, Impairment(options.missing, options.clutter))
+                answer = answer_truth(truth, Impairment(options.missing, options.clutter, options.run))
             else:
                 truth = read_truth(render_case(case, options.out))
                 if options.render_only:

@@ -14,7 +14,7 @@ from models.core.court_camera import CourtCamera, CourtScene
 from models.core.errors import ClipError
 from models.core.progress import ignore_progress
 from models.core.rally import BallCandidates, Rally
-from models.core.typing import FloatArray
+from models.core.typing import BoolArray, FloatArray
 from models.estimation.rally.explain_rally import explain_rally
 from models.estimation.rally.landing_judgement import judge_landing
 from video.io.clip import open_clip
@@ -100,13 +100,28 @@ class Impairment:
     """Share of the frames that show the object in which it is missed."""
     clutter: float = 0.0
     """Mean number of false candidates per frame: half of them on players, half anywhere."""
+    run: float = 0.0
+    """Mean number of frames that it misses in a row; 0: each by itself."""
+
+
+def draw_losses(count: int, impairment: Impairment, rng: np.random.Generator) -> BoolArray:
+    """Draw in which of T frames the object is missed: a Markov chain where losses come in runs."""
+    chance = rng.random(count)
+    if not impairment.run:
+        return np.asarray(chance < impairment.missing)
+    stays = 1 - 1 / impairment.run
+    falls = impairment.missing / (1 - impairment.missing) / impairment.run
+    lost = np.empty(count, np.bool_)
+    for k in range(count):
+        lost[k] = chance[k] < (impairment.missing if k == 0 else stays if lost[k - 1] else falls)
+    return lost
 
 
 def make_candidates(truth: CourtTruth, impairment: Impairment = Impairment()) -> BallCandidates:
     """Make the candidates of a detector with noise that knows where the object is visible."""
     rng = np.random.default_rng(0)
     columns, camera = truth.columns, truth.scene.camera
-    row = np.flatnonzero(columns["is_visible"] & (rng.random(len(columns["t"])) >= impairment.missing))
+    row = np.flatnonzero(columns["is_visible"] & ~draw_losses(len(columns["t"]), impairment, rng))
     centre = columns["px"][row] + rng.normal(0, ORACLE_NOISE, (len(row), 2))
     streak, score = columns["streak"][row], np.full(len(row), 0.95)
     boxes = columns["players"]

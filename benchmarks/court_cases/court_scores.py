@@ -176,7 +176,8 @@ def _score_landing(truth: CourtTruth, answer: dict[str, Any]) -> dict[str, Any]:
     place = np.array(ending["place"])
     least = _keep_bound(truth)
     score: dict[str, Any] = {"bound": [] if least is None else draw_errors(least)}
-    best = answer["landings"][0] if answer["landings"] else None
+    # a landing that more probably does not happen is no answer
+    best = answer["landings"][0] if sum(one["weight"] for one in answer["landings"]) >= 0.5 else None
     if best is None:
         score["landings_missed"] = 1
     else:

@@ -10,7 +10,13 @@ import numpy as np
 import pytest
 
 from benchmarks.court_cases import landing_bound
-from benchmarks.court_cases.court_answers import Impairment, answer_truth, compare_lines, make_candidates
+from benchmarks.court_cases.court_answers import (
+    Impairment,
+    answer_truth,
+    compare_lines,
+    draw_losses,
+    make_candidates,
+)
 from benchmarks.court_cases.court_clips import CourtCase, CourtTruth, film_case, read_truth, write_rally_clip
 from benchmarks.court_cases.court_scores import find_visible, join_scores, score_answer, upper_bound
 from video.rendering.court_scene import read_rally
@@ -115,3 +121,12 @@ def test_a_rally_is_scored_from_the_truth_without_a_clip(tmp_path: Path) -> None
 def test_the_upper_bound_of_none_in_400_is_below_a_percent() -> None:
     assert upper_bound(0, 400) == pytest.approx(1 - 0.05 ** (1 / 400))
     assert upper_bound(0, 0) == 1.0
+
+
+def test_losses_come_in_runs_and_keep_their_share() -> None:
+    rng = np.random.default_rng(0)
+    for run in (0.0, 4.0):
+        lost = draw_losses(40_000, Impairment(missing=0.3, run=run), rng)
+        assert lost.mean() == pytest.approx(0.3, abs=0.02)
+        begins = int((lost[1:] & ~lost[:-1]).sum())
+        assert lost.sum() / begins == pytest.approx(run or 1 / 0.7, rel=0.05)

@@ -98,8 +98,8 @@ def weigh_events(
     return outcome
 
 
-def limit_hits(sport: Sport) -> tuple[tuple[float, float, float], ...]:
-    """Return the least and largest x, y and z, m, at which players hit, and the softness of these limits."""
+def limit_places(sport: Sport) -> tuple[tuple[float, float, float], ...]:
+    """Return the least and largest x and y, m, of play, z at which players hit, and the softness of these limits."""
     behind, beside = sport.surroundings
     return (
         (-behind, sport.length + behind, SURROUNDINGS_SOFTNESS),
@@ -145,6 +145,8 @@ def _weigh_kind(
     gain = joint.cov_a[:, :3, :3] @ np.linalg.inv(spread[:, :3, :3])
     place = joint.p_a - np.einsum("nij,nj->ni", gain, gap[:, :3])
     deviation = np.sqrt(np.maximum(np.einsum("nii->ni", joint.cov_a[:, :3, :3] - gain @ joint.cov_a[:, :3, :3]), 1e-6))
+    for axis, (low, high, softness) in enumerate(limit_places(sport)[:2]):
+        value -= 0.5 * _excess(place[:, axis], low, high) ** 2 / (deviation[:, axis] ** 2 + softness**2)
     if kind == "hit":
         value += np.log(HIT_RATE) + _weigh_hit(place, deviation, joint, sport)
     elif kind in ("bounce", "landing"):
@@ -229,9 +231,8 @@ def _weigh_hit(place: FloatArray, deviation: FloatArray, joint: _Joint, sport: S
     """Weigh that players hit within their reach, and towards the net."""
     from scipy.special import ndtr
 
-    off = np.zeros(len(place))
-    for axis, (low, high, softness) in enumerate(limit_hits(sport)):
-        off += _excess(place[:, axis], low, high) ** 2 / (deviation[:, axis] ** 2 + softness**2)
+    low, high, softness = limit_places(sport)[2]
+    off = _excess(place[:, 2], low, high) ** 2 / (deviation[:, 2] ** 2 + softness**2)
     share = np.clip((place[:, 2] - sport.floor) / sport.reach, *HIT_HEIGHTS)
     off -= 2 * np.log(6 * share * (1 - share))
     is_near = ndtr((sport.length / 2 - place[:, 0]) / deviation[:, 0])

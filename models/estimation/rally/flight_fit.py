@@ -23,7 +23,7 @@ from models.estimation.rally.event_evidence import (
     NET_SHARE,
     NET_SHARES,
     contact_ranges,
-    limit_hits,
+    limit_places,
     name_contact,
     weigh_chance,
 )
@@ -65,6 +65,8 @@ _SHARED, _FLIGHT_SHARE = (DRAG, DRAG_EXPONENT, TURN_DRAG, LAG_LIFT), 0.2
 SHARED_COUNT = len(_SHARED)
 # m/s along the court from which it is clear which way the object flies.
 _WAY_SOFTNESS = 1.0
+# Softness of 0 as the least drag of the turn-over: across its path a shuttle is not more slender than along it.
+_TURN_SOFTNESS = 0.1
 # s, least time between events, and the longest step of an event in the search.
 _SHORTEST_FLIGHT, _LONGEST_SHIFT = 0.01, 0.1
 # s after the last observation of a flight up to which a person may have seen where it touched the ground.
@@ -106,14 +108,11 @@ class RallyFit:
     """(P,) shared parameters, those of each flight, and the start of each flight, s."""
     information: FloatArray
     """(P, P), of priors and observations."""
+    covariance: FloatArray
+    """(P, P), its inverse."""
     cost: float
     evidence: float
     """Natural logarithm (Laplace)."""
-
-    @property
-    def covariance(self) -> FloatArray:
-        """Covariance (P, P) of the values."""
-        return invert_semidefinite(self.information)
 
 
 def flight_slice(index: int) -> slice:
@@ -189,9 +188,10 @@ def refine_fit(
     if not np.isfinite(log_determinant):
         return None  # nothing holds one of its values
     evidence = -0.5 * best.cost + problem.normalizer + 0.5 * len(free) * np.log(2 * np.pi) - 0.5 * log_determinant
-    where = locate_events(structure, best.point, invert_semidefinite(information), sport)
+    covariance = invert_semidefinite(information)
+    where = locate_events(structure, best.point, covariance, sport)
     evidence += weigh_order(structure.kinds, where, ~np.array(structure.joined), sport)
-    return RallyFit(structure, best.point, information, best.cost, float(evidence))
+    return RallyFit(structure, best.point, information, covariance, best.cost, float(evidence))
 
 
 def locate_events(structure: RallyStructure, values: FloatArray, covariance: FloatArray, sport: Sport) -> FloatArray:
@@ -257,6 +257,9 @@ class _Problem:
         self.rows.append(by_known @ values - mean)
         self.by.append(by_known)
         self.normalizer -= log_sigmas
+        turn = _SHARED.index(TURN_DRAG)
+        if values[turn] < 0:
+            self._add(values[[turn]] / _TURN_SOFTNESS, np.array([[1 / _TURN_SOFTNESS]]), np.array([turn]))
         before: tuple[FloatArray, FloatArray, FloatArray] | None = None
         for k, rows in enumerate(assign_times(self.observed.t, structure, values)):
             part, start = flight_slice(k), values[start_row(k, count)]
@@ -268,6 +271,7 @@ class _Problem:
                 return None
             self._add_observations(rows, path, k, part)
             self._add_surface(path, k, part)
+            self._add_surroundings(path, part)
             self._add_net(k, part, p, path, turn_length, np.append(self.observed.t[rows], end) - start)
             if not ends_joined:
                 self._add_marked_contact(k, part, p, start, turn_length)
@@ -337,6 +341,15 @@ class _Problem:
         if len(rows):
             self._add(depth[rows] / _FLOOR_SOFTNESS, path.derivatives[rows, 2] / _FLOOR_SOFTNESS, part)
 
+    def _add_surroundings(self, path: FlightPath, part: slice) -> None:
+        """Keep the flight near the court, by the place that is farthest from it in each direction."""
+        for axis, (low, high, softness) in enumerate(limit_places(self.sport)[:2]):
+            x = path.states[:, axis]
+            row = int(np.argmax(np.abs(x - np.clip(x, low, high))))
+            off = x[row] - np.clip(x[row], low, high)
+            if off:
+                self._add(np.array([off / softness]), path.derivatives[None, row, axis] / softness, part)
+
     def _add_marked_time(self, k: int, start: float) -> None:
         """Keep an event near the moment at which a person saw it."""
         for mark in self.observed.marks:
@@ -380,16 +393,12 @@ class _Problem:
             self._add(np.array([(state[2] - edge) / _EDGE_SOFTNESS]), slope[None] / _EDGE_SOFTNESS, part)
 
     def _add_reach(self, k: int, p: FloatArray, t: float) -> None:
-        """Keep a hit within the players' reach, near the court and, where people are seen, near one of them."""
+        """Keep a hit within the players' reach and, where people are seen, near one of them."""
         sport, at = self.sport, flight_slice(k).start
-        for axis, (low, high, softness) in enumerate(limit_hits(sport)):
-            off = max(p[axis] - high, 0.0) + min(p[axis] - low, 0.0)
-            if off:
-                row = np.zeros((1, self.size))
-                row[0, at + axis] = 1 / softness
-                self.rows.append(np.array([off / softness]))
-                self.by.append(row)
-
+        low, high, softness = limit_places(sport)[2]
+        off = p[2] - float(np.clip(p[2], low, high))
+        if off:
+            self._add(np.array([off / softness]), np.array([[1 / softness]]), np.array([at + 2]))
         feet = self._find_feet(p, t)
         if feet is not None:
             off = (p[:2] - feet) / _ARM

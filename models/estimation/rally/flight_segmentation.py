@@ -25,6 +25,9 @@ from models.estimation.rally.single_flight import FlightPrior, SingleFlight, bui
 _LONGEST_FLIGHT, _MOST_STRETCHES = 3.5, 7
 # Standard deviations of a place in the image for kinks, and the cost of one: low, so that none is missed.
 _KINK_SIGMAS, _KINK_COST = 1.2, 5.0
+# s of no sight after which a flight may have begun unseen: half the time of a fast exchange. Few places on both sides
+# of a gap fit any curve.
+_UNSEEN_TIME = 0.25
 # Gravities of acceleration within a flight, seen from any side, and s in which they may change as much.
 _KINK_GRAVITIES, _BEND_TIME = 2.0, 0.1
 # chi2 per observation from which a stretch is no flight, and longer ones are not tried.
@@ -102,7 +105,8 @@ def find_kinks(observed: FlightObservations, px: FloatArray, sport: Sport) -> In
     while kinks[-1] > 0:
         kinks.append(int(source[kinks[-1]]))
     marked = np.searchsorted(observed.t, [mark.t for mark in observed.marks if mark.is_there])
-    return np.union1d(kinks, marked[(marked > 0) & (marked < n)])
+    after_gaps = np.flatnonzero(np.diff(observed.t) > _UNSEEN_TIME) + 1
+    return np.unique(np.concatenate([kinks, after_gaps, marked[(marked > 0) & (marked < n)]]))
 
 
 def _fit_cubics(t: FloatArray, px: FloatArray, sigma: FloatArray, bend: float) -> FloatArray:

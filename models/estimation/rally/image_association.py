@@ -165,12 +165,15 @@ def _weigh_look(
     area = float(scene.camera.width_px * scene.camera.height_px)
     uniform = max(len(usable) / len(t), 1.0) / area
     cells = np.floor(px / _CLUTTER_CELL).astype(np.int64)
-    low = cells.min(axis=0) - 1
-    shape = cells.max(axis=0) - low + 2
-    counts = np.bincount(np.ravel_multi_index(tuple((cells - low).T), tuple(shape)), minlength=int(np.prod(shape)))
-    grid = np.pad(counts.reshape(shape), 1)
-    around = sum(np.roll(grid, (i, j), (0, 1)) for i in (-1, 0, 1) for j in (-1, 0, 1))
-    here = np.asarray(around)[1:-1, 1:-1][tuple((cells - low).T)]
+    cells -= cells.min(axis=0) - 1
+    columns = int(cells[:, 1].max()) + 2  # one beyond on each side, so that no cell has a neighbour in another row
+    keys = cells[:, 0] * columns + cells[:, 1]
+    # a list of the cells in use: a camera that turns, or a lens, may put candidates far apart
+    used, counts = np.unique(keys, return_counts=True)
+    here = np.zeros(len(keys), np.int64)
+    for step in (i * columns + j for i in (-1, 0, 1) for j in (-1, 0, 1)):
+        at = np.minimum(np.searchsorted(used, keys + step), len(used) - 1)
+        here += np.where(used[at] == keys + step, counts[at], 0)
     # an object that moves is itself seen in a place in a few frames
     local = np.maximum(here - 3, 0) / (len(t) * 9 * _CLUTTER_CELL**2)
     odds = np.where(here > 3 + _RECURRING * len(t), np.minimum(odds, 0.0), odds)

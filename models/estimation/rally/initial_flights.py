@@ -79,13 +79,16 @@ def _find_surface(observed: FlightObservations, sport: Sport, before: FlightGues
     return pin_to_surface(observed.matrix[before.last], place, t, sport)
 
 
-def pin_to_surface(matrix: FloatArray, place: FloatArray, t: float, sport: Sport) -> Pin | None:
+def pin_to_surface(
+    matrix: FloatArray, place: FloatArray, t: float, sport: Sport, heights: tuple[float, ...] = ()
+) -> Pin | None:
     """Move a place along the camera's ray to the table or the floor.
 
     Args:
         matrix: (3, 4) projection.
         place: (3,) m, in whatever depth.
         t: s.
+        heights: m, of the surfaces that may be met; the table, then the floor, without any.
 
     Returns:
         Where the ray meets the surface; None where the place is not finite.
@@ -93,7 +96,7 @@ def pin_to_surface(matrix: FloatArray, place: FloatArray, t: float, sport: Sport
     if not np.isfinite(place).all():
         return None
     homogeneous = matrix[:, :3] @ place + matrix[:, 3]
-    for height in dict.fromkeys((0.0, sport.floor)):
+    for height in heights or dict.fromkeys((0.0, sport.floor)):
         place = _meet_plane(matrix, homogeneous, height + sport.object.radius)
         on_table = bool(((place[:2] > -0.05) & (place[:2] < np.array([sport.length, sport.width]) + 0.05)).all())
         if height == sport.floor or on_table:

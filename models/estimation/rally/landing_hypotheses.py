@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import ndtr
 
 from models.core.court import Sport
 from models.core.rally import Flight, LandingHypothesis, RallyEvent
 from models.core.typing import FloatArray
+from models.estimation.rally.event_evidence import limit_places
 from models.estimation.rally.rally_views import CONTACT_TIME, find_surface_contact
 from models.physics.flight.flight_motion import fly
 
@@ -48,8 +50,11 @@ def predict_landing(flight: Flight, sport: Sport, last_seen: float, interval: fl
     lost = 0.5 * _LAW_ERROR * pull * gap**2
     covariance = on_ground @ flight.covariance @ on_ground.T + np.diag([lost**2, lost**2, 0.0])
     time_variance = by[2] @ flight.covariance @ by[2] / velocity[2] ** 2
+    weight = _weigh_gap(gap, interval)
+    if gap > _SEEN_FRAMES * interval:
+        weight *= _weigh_surroundings(place, covariance, sport)
     return LandingHypothesis(
-        _weigh_gap(gap, interval),
+        weight,
         float(flight.start + tau),
         float(np.sqrt(time_variance + (lost / max(abs(velocity[2]), 0.1)) ** 2)),
         place,
@@ -89,6 +94,15 @@ def find_landing(
 def _weigh_gap(gap: float, interval: float) -> float:
     """Return the probability that a flight goes on over a time, s, in which it is not seen."""
     return float(np.exp(-_HAZARD * max(gap - _FREE_FRAMES * interval, 0.0)))
+
+
+def _weigh_surroundings(place: FloatArray, covariance: FloatArray, sport: Sport) -> float:
+    """Return the probability that a place (3,) is near the court: what flies farther hits a wall, or is no flight."""
+    chance = 1.0
+    for axis, (low, high, softness) in enumerate(limit_places(sport)[:2]):
+        sigma = float(np.hypot(np.sqrt(covariance[axis, axis]), softness))
+        chance *= float(ndtr((high - place[axis]) / sigma) - ndtr((low - place[axis]) / sigma))
+    return chance
 
 
 def find_first_touch(events: tuple[RallyEvent, ...], hit: int, sport: Sport) -> RallyEvent | None:

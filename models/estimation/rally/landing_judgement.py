@@ -70,7 +70,7 @@ class LandingCall:
     rectangles: tuple[Rectangle, ...]
     """Where a landing is good, m."""
     landing: LandingHypothesis | None
-    """The most probable one; None without any."""
+    """The most probable one; None where it more probably does not land."""
     line: str
     """The nearest line, or `net`; beyond several, the one that is missed by most. Empty without a landing."""
     distance: float
@@ -128,7 +128,7 @@ def judge_landing(rally: Rally, area: str | None = None) -> LandingCall:
     if name not in sport.areas:
         raise ValueError(f"{sport.name} has the areas {', '.join(sport.areas)}; got {name!r}")
     landings = sorted(rally.landings, key=lambda one: -one.weight)
-    best = landings[0] if landings else None
+    best = landings[0] if landings and rally.no_landing <= INDIFFERENT else None  # else it is no answer
     targets = _weigh_targets(rally, name, best)
     inside = sum(
         one.weight * share * sum(_integrate_over(rectangle, one, sport) for rectangle in rectangles)
@@ -229,14 +229,18 @@ def _weigh_targets(
     """
     sport = rally.scene.sport
     hit = find_last_hit(rally, math.inf if best is None else best.t)
-    is_far = _find_direction(rally, hit, best)
-    if is_far is None:
-        return [(sport.areas[area], 1.0)]
-    here = tuple(one for one in sport.areas[area] if ((one[0] + one[2]) / 2 > sport.length / 2) == is_far)
+    halves = {
+        far: tuple(one for one in sport.areas[area] if ((one[0] + one[2]) / 2 > sport.length / 2) == far)
+        for far in (True, False)
+    }
+    if hit is None or not hit.player:
+        far = _weigh_direction(rally, best)
+        return [(halves[True], far), (halves[False], 1 - far)]
+    here = halves[hit.player in FORWARD]
     sides = {(one[1] + one[3]) / 2 > sport.width / 2 for one in here}
     player, chance = rally.last_player
-    sure = 1.0 if hit is None else max(hit.probability, chance) if hit.player == player else hit.probability
-    if len(here) < 2 or len(sides) < 2 or hit is None:
+    sure = max(hit.probability, chance) if hit.player == player else hit.probability
+    if len(here) < 2 or len(sides) < 2:
         return [(here, sure)]
     sigma = max(math.sqrt(float(hit.covariance[1, 1])), LEAST_SIGMA)
     from_low = float(ndtr((sport.width / 2 - hit.place[1]) / sigma))
@@ -247,10 +251,8 @@ def _weigh_targets(
     ]
 
 
-def _find_direction(rally: Rally, hit: RallyEvent | None, best: LandingHypothesis | None) -> bool | None:
-    """Find whether the object was hit towards larger x; None where nothing tells."""
-    if hit is not None and hit.player:
-        return hit.player in FORWARD
+def _weigh_direction(rally: Rally, best: LandingHypothesis | None) -> float:
+    """Return the probability that the object flew towards larger x, where no hit is known, by its last flight."""
     # a flight that begins at the net has turned round there
     turns = [one.t for one in rally.events if one.kind == "net"]
     flights = [
@@ -258,9 +260,10 @@ def _find_direction(rally: Rally, hit: RallyEvent | None, best: LandingHypothesi
         for one in rally.flights
         if (best is None or one.start < best.t) and not any(abs(one.start - t) < SAME_MOMENT_S for t in turns)
     ]
-    if flights:
-        return bool(flights[-1].parameters[3] > 0)
-    return None
+    if not flights:
+        return INDIFFERENT
+    sigma = max(math.sqrt(float(flights[-1].covariance[3, 3])), LEAST_SIGMA)
+    return float(ndtr(flights[-1].parameters[3] / sigma))
 
 
 def _integrate_over(rectangle: Rectangle, landing: LandingHypothesis, sport: Sport) -> float:

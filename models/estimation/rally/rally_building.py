@@ -84,7 +84,7 @@ def _estimate_covariance(
             ) / _CAMERA_STEPS[j]
             pull[columns, j] += np.einsum("nip,ni,n->p", by, change, slope**2)
     free = min(6 * count, max(sum(2 * len(rows) for rows in rows_of) - 1, 0))
-    moved_by = invert_semidefinite(fit.information) @ pull
+    moved_by = fit.covariance @ pull
     covariance = scale_covariance(fit.information, observed_information, estimate_error_scale(series, free))
     return covariance + moved_by @ camera.covariance @ moved_by.T, chi2, used
 
@@ -143,6 +143,9 @@ def build_rally(
         if not structure.joined[k] and turns:
             event = _build_first_hit(scene, flights[-1], rally, interval)
             events += [replace(event, probability=event.probability * chances[k])] if event is not None else []
+    first = int(np.searchsorted(sight.observed.t, flights[0].end) - np.searchsorted(sight.observed.t, flights[0].start))
+    if first <= _JUDGED_PLACES and events and events[0].kind == "bounce":
+        events = events[1:]  # what came before is not known: a hand may have thrown it up
     events = _drop_tosses(flights, events, sport)
     last_seen = float(sight.observed.t[np.searchsorted(sight.observed.t, flights[-1].end + 1e-9) - 1])
     landing = _finish(flights, events, sport, last_seen, interval, float(t[-1]))

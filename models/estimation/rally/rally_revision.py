@@ -156,12 +156,16 @@ def _collect_rivals(observed: FlightObservations, sport: Sport, best: RallyFit, 
     for trial in sorted(trials, key=lambda trial: -trial.gain):
         if trial.gain < -WORST_RIVAL:
             break
-        if trial.event >= count - _LAST_EVENTS and len(rivals) < _MOST_RIVALS:
-            other = refine_fit(observed, sport, *_splice(best.structure, best.values, trial))
-            rivals += [other] if other is not None else []
-        else:
+        structure, values = _splice(best.structure, best.values, trial)
+        is_rival, gain = trial.event >= count - _LAST_EVENTS and len(rivals) < _MOST_RIVALS, trial.gain
+        if is_rival or gain > 0:  # what gains beside its neighbours alone, and was not taken over, may gain nothing
+            other = refine_fit(observed, sport, structure, values)
+            gain = -np.inf if other is None else weigh_fit(other, observed) - weigh_fit(best, observed)
+            rivals += [other] if is_rival and other is not None else []
+        # the same events in other places leave no doubt that they happened
+        if not is_rival and structure.kinds != best.structure.kinds:
             start = float(best.values[start_row(trial.event, count)])
-            doubts.append(Doubt(best.structure.kinds[trial.event], start, min(trial.gain, 0.0)))
+            doubts.append(Doubt(best.structure.kinds[trial.event], start, min(gain, 0.0)))
     return Revision(best, tuple(rivals), tuple(doubts))
 
 
@@ -325,6 +329,7 @@ def _vary(observed: FlightObservations, sport: Sport, fit: RallyFit) -> Iterator
         if structure.joined[k]:
             volley = structure.kinds[k] == "hit" and structure.kinds[k - 1] != "bounce"
             yield from _flip(observed, fit, k, sport)
+            yield from _change_surface(observed, fit, k, sport)
             yield from _add_bounce(observed, fit, k, sport) if volley else ()
 
 
@@ -373,6 +378,19 @@ def _flip(observed: FlightObservations, fit: RallyFit, k: int, sport: Sport) -> 
         kinds[j], pins[j] = contact, pin
         heights[j] = sport.floor if sport.is_beside_table(pin.place[2]) else 0.0
     yield _Variant(k, replace(structure, kinds=tuple(kinds), heights=heights), fit.values, pins)
+
+
+def _change_surface(observed: FlightObservations, fit: RallyFit, k: int, sport: Sport) -> list[_Variant]:
+    """Take one of the last bounces on a table for one on the floor, and the other way round: one ray meets both."""
+    structure, count = fit.structure, len(fit.structure)
+    if sport.floor == 0 or structure.kinds[k] != "bounce" or k < count - _LAST_EVENTS:
+        return []
+    start, heights = float(fit.values[start_row(k, count)]), structure.heights.copy()
+    heights[k] = sport.floor if heights[k] == 0 else 0.0
+    row = min(int(np.searchsorted(observed.t, start)), len(observed) - 1)
+    place = fit.values[flight_slice(k)][:3]
+    pin = pin_to_surface(observed.matrix[row], place, start, sport, (float(heights[k]),))
+    return [] if pin is None else [_Variant(k, replace(structure, heights=heights), fit.values, {k: pin})]
 
 
 def _add_bounce(observed: FlightObservations, fit: RallyFit, k: int, sport: Sport) -> list[_Variant]:

@@ -1,10 +1,14 @@
 """Rallies with known truth: what happened is found, in space, with errors that hold."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from models.core.progress import ignore_progress
 from models.estimation.rally.explain_rally import explain_rally
+from models.estimation.rally.flight_observations import prepare_observations
+from models.estimation.rally.flight_segmentation import find_kinks
 from models.estimation.rally.image_association import associate_candidates
 from models.estimation.rally.rally_views import continue_flight, evaluate_rally
 from models.sports.sport_catalogue import find_sports
@@ -96,7 +100,6 @@ def test_clutter_alone_is_no_rally():
 
 
 def test_a_short_flight_towards_the_camera_has_a_wide_error_in_depth():
-    from models.estimation.rally.flight_observations import prepare_observations
     from models.estimation.rally.single_flight import build_flight_prior, fit_single_flight
     from models.physics.flight.flight_motion import fly
 
@@ -109,3 +112,41 @@ def test_a_short_flight_towards_the_camera_has_a_wide_error_in_depth():
     flight = fit_single_flight(observed, sport, build_flight_prior(sport))
     assert flight is not None
     assert np.sqrt(flight.covariance[0, 0]) > 1.0
+
+
+def test_a_long_gap_may_hide_an_event():
+    """Two places on each side of it lie on one curve, whatever happened between."""
+    scene = usual_view(find_sports()["tennis"])
+    t = np.array([0.0, 0.04, 0.34, 0.38])
+    for times, count in ((t, 2), (np.arange(4) / 25, 1)):
+        px = np.stack([600 + 900 * times, 300 + 100 * times], axis=1)
+        zero = np.zeros((4, 2))
+        observed = prepare_observations(scene.camera, np.arange(4), times, px, zero, np.full((4, 2), 0.7))
+        assert len(find_kinks(observed, px, scene.sport)) - 1 == count
+
+
+def test_a_bounce_after_almost_nothing_is_not_stated():
+    """Where a clip begins so, a hand may have thrown the ball up."""
+    sport = find_sports()["tennis"]
+    rng = np.random.default_rng(105)
+    scene, rally = usual_view(sport), play_rally(sport, 2, rng)
+    bounce = rally.t[rally.kinds.index("bounce")]
+    candidates = observe_rally(scene, rally, rng, missing=0.0, clutter=0.0)
+    rows = np.flatnonzero(rally.frame_t > bounce - 0.1)
+    explained = explain_rally(scene, candidates, frames_of(rally)[rows], rally.frame_t[rows], ignore_progress)
+    assert explained.events
+    assert all(event.t > bounce + 0.1 for event in explained.events)
+
+
+def test_a_candidate_far_outside_takes_no_memory():
+    """A camera that turns puts its places far apart in the image that stands still."""
+    sport = find_sports()["badminton"]
+    rng = np.random.default_rng(3)
+    scene, rally = usual_view(sport), play_rally(sport, 2, rng)
+    candidates = observe_rally(scene, rally, rng, clutter=1.0)
+    chosen = associate_candidates(scene, candidates, frames_of(rally), rally.frame_t)
+    centre = candidates.centre.copy()
+    unused = np.setdiff1d(np.arange(len(candidates)), chosen)
+    centre[unused[0]] += 1e9
+    moved = replace(candidates, centre=centre)
+    assert (associate_candidates(scene, moved, frames_of(rally), rally.frame_t) == chosen).all()

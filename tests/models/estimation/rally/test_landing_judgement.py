@@ -10,7 +10,7 @@ from scipy.special import ndtr
 from support.staged_rally import stage_rally
 
 from models.core.rally import LandingHypothesis, Rally, RallyEvent, RallyEventKind
-from models.estimation.rally.landing_hypotheses import find_first_touch
+from models.estimation.rally.landing_hypotheses import find_first_touch, predict_landing
 from models.estimation.rally.landing_judgement import judge_landing, judge_net
 from models.physics.flight.flight_motion import fly
 from models.sports.sport_catalogue import find_sports
@@ -231,3 +231,29 @@ def test_a_service_of_table_tennis_is_judged_where_it_touches_the_other_half() -
     touch = find_first_touch(returned, 3, TABLE_TENNIS)
     assert touch is not None
     assert touch.t == 0.9, "only a service may touch the own half"
+
+
+def test_a_landing_that_more_probably_does_not_happen_is_no_place() -> None:
+    assert judge_landing(stage_rally(BADMINTON, (12.0, 3.0), no_landing=0.4)).landing is not None
+    call = judge_landing(stage_rally(BADMINTON, (12.0, 3.0), no_landing=0.6))
+    assert (call.verdict, call.reason, call.landing) == ("undecided", "no_landing", None)
+
+
+def test_the_direction_of_a_flight_tells_the_half_no_better_than_its_speed_is_known() -> None:
+    rally = replace(stage_rally(BADMINTON, (12.0, 3.0)), last_player=("", 0.0))
+    rally = replace(rally, events=rally.events[1:])
+    assert judge_landing(rally).verdict == "in"
+    (flight,) = rally.flights
+    unsure = flight.covariance.copy()
+    unsure[3, 3] = (2 * flight.parameters[3]) ** 2
+    call = judge_landing(replace(rally, flights=(replace(flight, covariance=unsure),)))
+    assert call.probability == pytest.approx(ndtr(0.5), abs=1e-3)
+
+
+@pytest.mark.parametrize(("x", "least", "most"), [(29.0, 0.6, 1.0), (50.0, 0.0, 1e-3)], ids=["near", "beyond a hall"])
+def test_a_flight_is_not_continued_through_the_walls(x: float, least: float, most: float) -> None:
+    rally = stage_rally(TENNIS, (x, 3.0), climb=9.0)
+    (flight,) = rally.flights
+    landing = predict_landing(flight, TENNIS, flight.end - 0.2, 0.04)
+    assert landing is not None
+    assert least <= landing.weight <= most

@@ -15,9 +15,10 @@ from models.estimation.rally.flight_fit import (
 )
 from models.estimation.rally.flight_observations import FlightObservations, prepare_observations
 from models.estimation.rally.rally_revision import revise_structures
-from models.estimation.rally.single_flight import build_flight_prior
-from models.physics.flight.flight_motion import fly
+from models.estimation.rally.single_flight import TURN_DRAG, build_flight_prior
+from models.physics.flight.flight_motion import find_descent, fly
 from models.sports.badminton import SPORT
+from models.sports.table_tennis import SPORT as TABLE_TENNIS
 from tests.support.simple_rallies import usual_view
 
 TURN = SPORT.object.turn_length
@@ -58,7 +59,45 @@ def test_a_stroke_that_seems_to_fly_on_is_tried_in_the_other_direction() -> None
     wrong[3] = 20.0
     fit = fit_from(observed, [there, wrong], moments)
     assert fit is not None
-    best = revise_structures(observed, SPORT, [fit])[0].best
+    revision = revise_structures(observed, SPORT, [fit])[0]
+    best = revision.best
     assert fit.values[flight_slice(1)][3] > 0
     assert best.values[flight_slice(1)][3] < -20
     assert best.evidence > fit.evidence + 1000
+    assert not any(doubt.gain > -1 for doubt in revision.doubts), "the same hit in another place leaves no doubt of it"
+
+
+def test_a_shuttle_that_turns_over_is_not_more_slender_than_one_that_flies() -> None:
+    there = state_flight(2.0, 2.5, 1.5, 24.0, 0.5, 14.0)
+    there[TURN_DRAG] = -1.0
+    turning = fly(there, np.array([1.2]), TURN).states[0, :3]
+    flights, moments = [there, state_flight(*turning, -45.0, 1.0, 8.0)], np.array([0.0, 1.2, 2.2])
+    flights[1][TURN_DRAG] = -1.0
+    fit = fit_from(film_flights(flights, moments), flights, moments)
+    assert fit is not None
+    assert fit.values[2] > -0.2, "the drag of the turn-over that all flights share"
+
+
+def test_a_bounce_on_the_floor_behind_a_table_is_not_left_on_the_table() -> None:
+    """One ray of the camera meets both surfaces."""
+    sport, radius = TABLE_TENNIS, TABLE_TENNIS.object.radius
+    prior = build_flight_prior(sport).mean
+    camera = usual_view(sport).camera
+    there = prior.copy()
+    there[:6] = 0.2, 0.8, 0.3, 3.0, 3.0, 1.5
+    fall = find_descent(there, 0.0, sport.floor + radius, 0.0, 3.0)
+    bounced = prior.copy()
+    bounced[:6] = fly(there, np.array([fall]), 0.0).states[0] * [1, 1, 1, 0.9, 0.9, -0.86]
+    t = np.array([*np.arange(0.01, fall - 0.05, 0.02), *np.arange(fall + 0.05, fall + 0.5, 0.02)])
+    rows = [(there, now) if now < fall else (bounced, now - fall) for now in t]
+    xyz = np.array([fly(p, np.array([tau]), 0.0).states[0, :3] for p, tau in rows])
+    px = camera.to_pixels(xyz) + np.random.default_rng(0).normal(0, 0.7, (len(t), 2))
+    nothing, sigma = np.zeros((len(t), 2)), np.full((len(t), 2), 0.7)
+    observed = prepare_observations(camera, np.arange(len(t)), t, px, nothing, sigma)
+    moments = np.array([0.0, fall, t[-1]])
+    structure = RallyStructure(("hit", "bounce"), (False, True), moments[:2], moments[1:], np.zeros(2))
+    fit = refine_fit(observed, sport, structure, np.concatenate([prior[[6, 11, 10, 12]], there, bounced, moments[:2]]))
+    assert fit is not None
+    best = revise_structures(observed, sport, [fit])[0].best
+    assert best.structure.heights[-1] == sport.floor
+    assert np.abs(best.values[flight_slice(1)][:3] - bounced[:3]).max() < 0.1
