@@ -115,6 +115,10 @@ class FunctionSimulator:
         """Pickle the name of the function, which another process imports."""
         return _import_again, (str(Path.cwd()), self.module, self.function, self.joints, self.inputs, self.time_step)
 
+    def halve_step(self) -> FunctionSimulator:
+        """Return the simulator with half its step."""
+        return FunctionSimulator(self.module, self.function, self.joints, self.inputs, self.time_step / 2)
+
     def begin(
         self, starts: FloatArray, values: Sequence[EffectValues], powered: BoolArray, shots: IntArray, t: FloatArray
     ) -> FunctionRuns:
