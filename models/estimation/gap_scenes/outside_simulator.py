@@ -273,6 +273,7 @@ class _JointLaws:
         self.laws = [(one, own) for one, own in laws if (one.brake, one.dry, one.force) != (None, None, None)]
         self.inertia = np.array([joint.inertia for joint in simulator.joints])
         self.speed, self.strength = np.array([s.speed for s in scales]), np.array([s.force for s in scales])
+        self.middle, self.reach = np.array([s.middle for s in scales]), np.array([s.reach for s in scales])
         self.band = _stack_values("dead_band", values, scales)[0] if "dead_band" in names else None
         self.servo = np.array(simulator.servo_joints, np.int64)
         groups = group_joints(simulator.joints)[1]
@@ -291,16 +292,18 @@ class _JointLaws:
         force, rate, dry = np.zeros_like(q), np.zeros_like(q), np.zeros_like(q)
         q, middle = q + (v + total * dt / 4) * dt / 2, v + total * dt / 2
         for effect, own in self.laws:
-            # a generic brake is a law of the speed in multiples of the typical one
-            is_generic = effect.site == "mechanism"
-            speed, strength = (middle / self.speed, self.strength) if is_generic else (middle, 1.0)
+            # a generic law is one of the share of the reach and of the typical speed
+            is_generic = effect.kind == "probe"
+            place, speed, strength = q, middle, np.ones(1)
+            if is_generic:
+                place, speed, strength = (q - self.middle) / self.reach, middle / self.speed, self.strength
             if effect.force is not None:
-                force += effect.force(q, middle, own)
+                force += effect.force(place, speed, own)
             speed = self._measure_sizes(speed)
             if effect.brake is not None:
-                rate += effect.brake(q, speed, own) * (strength / self.speed if is_generic else 1.0)
+                rate += effect.brake(place, speed, own) * (strength / self.speed if is_generic else 1.0)
             if effect.dry is not None:
-                dry += effect.dry(q, speed, own) * strength
+                dry += effect.dry(place, speed, own) * strength
         x = rate * dt / self.inertia
         with np.errstate(over="ignore", invalid="ignore"):  # of a run that diverges
             decay = np.expm1(-x)
