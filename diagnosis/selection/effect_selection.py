@@ -126,7 +126,7 @@ def _continue_on_longer_windows(search: EffectSearch, best: Hypothesis) -> Effec
         problem,
         first,
         simulator_fit,
-        blocked_partners=search.blocked_partners,
+        with_blocked_partners=search.with_blocked_partners,
         on_progress=search.on_progress,
         steps_done=search.steps_done,
     )
@@ -274,8 +274,9 @@ def _exceeds_rest(search: EffectSearch, hypothesis: Hypothesis, name: str) -> bo
 
     The size of the noise may be off a little; where shots disagree about several effects and are few, any cost may be
     systematic. Real motion keeps a rest that no law explains, and which refutes no effect: where generic laws explain
-    less of it, that is what an effect must exceed, and a share of the misfit of the simulator. Of that, a partner that
-    was blocked beside other strengths has lost its part to them: its share is one of what is left without it.
+    less of it, that is what an effect must exceed, and a share of the misfit of the simulator. Effects of which one was
+    blocked beside other strengths of the others take over each other's parts of that: their share is one of what is
+    left without each.
     """
     without = fit_without_effect(search, hypothesis, name)
     gain = without.cost - hypothesis.fitted.cost
@@ -284,8 +285,7 @@ def _exceeds_rest(search: EffectSearch, hypothesis: Hypothesis, name: str) -> bo
     beyond_noise = hypothesis.fitted.upper_excess_cost if disputed else hypothesis.fitted.lower_excess_cost
     if gain >= beyond_noise or not search.problem.probes:
         return gain >= beyond_noise
-    is_blocked = (hypothesis.names - {name}, name) in search.blocked_partners
-    whole = without if is_blocked else search.base.fitted
+    whole = without if hypothesis.names in search.with_blocked_partners else search.base.fitted
     least = _MIN_SHARE_BESIDE_REST * whole.lower_excess_cost
     return gain >= least and gain >= search.generic_law_gain(hypothesis)
 
@@ -342,7 +342,7 @@ def propose_hypotheses(search: EffectSearch, now: Hypothesis) -> list[frozenset[
         masks = {name: problem.mask((name,)) for name in gains if name not in first}
         first += [name for name, mask in masks.items() if signatures.raw[mask].any() and is_natural[mask].any()]
         blocked = [name for name in _find_blocked_partners(search, now, signatures) if name not in first]
-        search.blocked_partners |= {(now.names, name) for name in blocked}
+        search.with_blocked_partners |= {now.names | {name} for name in blocked}
         first += blocked
     forms = [choice.name for choice in problem.scene.alternatives if choice.name not in now.names]
     if now.names and now.fitted.lower_excess_cost == 0 and _do_shots_agree(search, now):

@@ -78,4 +78,4 @@ def test_a_partner_that_its_bound_keeps_absent_is_tried_beside_what_is_named(
     monkeypatch.setattr("diagnosis.selection.effect_selection.REFITS_PER_STEP", 0)
     slope = try_hypothesis(search, frozenset({"slope"}), search.base)
     assert propose_hypotheses(search, slope) == [frozenset({"slope", name}) for name in partners]
-    assert search.blocked_partners == {(slope.names, name) for name in partners}
+    assert search.with_blocked_partners == {frozenset({"slope", name}) for name in partners}
