@@ -234,8 +234,8 @@ def _test_best(
     if not (is_named and second and problem.probes):
         return evidence
     if best.size > 1:  # several effects may imitate one law, as the terms of a series do
-        alone, is_better = _measure_generic_law_shares(problem, full, second, after, before)
-        if alone > MIN_LAW_SHARE:
+        share, is_better = _measure_generic_law_shares(problem, full, second, after, before)
+        if share > MIN_LAW_SHARE:
             return replace(evidence, imitation_probability=(sum(is_better) + 1) / (len(is_better) + 2))
     share = _measure_generic_law_shares(problem, full, second, after, after)[0]
     return replace(evidence, generic_law_share=share)

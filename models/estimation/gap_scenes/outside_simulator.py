@@ -87,6 +87,13 @@ class OutsideSimulator(Protocol):
         """Length of a step, s."""
 
     @property
+    def velocity_lag(self) -> float:
+        """Time by which the velocities of its states lag behind the positions, s.
+
+        Half a step of Euler's method that moves positions by the new velocities, else 0.
+        """
+
+    @property
     def takes_forces(self) -> bool:
         """Whether `advance` takes forces and torques; accelerations otherwise."""
 
@@ -276,6 +283,7 @@ class _JointLaws:
         self.middle, self.reach = np.array([s.middle for s in scales]), np.array([s.reach for s in scales])
         self.band = _stack_values("dead_band", values, scales)[0] if "dead_band" in names else None
         self.servo = np.array(simulator.servo_joints, np.int64)
+        self.velocity_lag = simulator.velocity_lag
         groups = group_joints(simulator.joints)[1]
         self.is_alike = (groups[:, None] == groups).astype(np.float64)
         self.depend_on_motion = bool(self.laws) or self.band is not None
@@ -286,11 +294,13 @@ class _JointLaws:
         """Evaluate forces and brakes (C, N) of the next dt (s), given accelerations without and with the brakes.
 
         Laws are taken at the middle of the interval: at its start they would lag by half of it, and a spring would then
-        drive the motion. A brake is the mean force of v' = acceleration - rate v; dry friction stops a joint at most,
-        and holds it. What brakes a free body depends on the size of its velocity, and acts against it.
+        drive the motion. Where velocities lag behind the positions, that middle is as much earlier: a spring would
+        brake the motion by as much. A brake is the mean force of v' = acceleration - rate v; dry friction stops a joint
+        at most, and holds it. What brakes a free body depends on the size of its velocity, and acts against it.
         """
         force, rate, dry = np.zeros_like(q), np.zeros_like(q), np.zeros_like(q)
-        q, middle = q + (v + total * dt / 4) * dt / 2, v + total * dt / 2
+        ahead = dt / 2 - self.velocity_lag
+        q, middle = q + (v + total * (self.velocity_lag + ahead / 2)) * ahead, v + total * dt / 2
         for effect, own in self.laws:
             # a generic law is one of the share of the reach and of the typical speed
             is_generic = effect.kind == "probe"

@@ -98,6 +98,7 @@ class FunctionSimulator:
 
     takes_forces = False
     last_mass = 1.0
+    velocity_lag = 0.0
     own_effects: Mapping[str, tuple[float, ...]] = MappingProxyType({})
     drives: tuple[Drive, ...] = ()
 

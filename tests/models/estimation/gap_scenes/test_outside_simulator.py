@@ -36,6 +36,7 @@ class FreeBody:
     takes_forces: bool = True
     drives: tuple[Drive, ...] = ()
     last_mass: float = 1.0
+    velocity_lag: float = 0.0
     rest: FloatArray = field(default_factory=lambda: np.zeros(2))
     own_effects: dict[str, tuple[float, ...]] = field(default_factory=dict)
     given: list[float] = field(default_factory=list)

@@ -14,9 +14,11 @@ from diagnosis.fitting.prediction_windows import build_prediction_windows, selec
 from models.core.recording import Recording, ReferenceFrame
 from models.core.typing import FloatArray, IntArray
 from models.estimation.gap_scenes.mechanism_inputs import InputHistory
+from models.estimation.gap_scenes.outside_simulator import Stretch, simulate_motions
 from models.estimation.gap_scenes.simulator_scene import SimulatorScene, build_simulator_scene
 from models.estimation.multiple_shooting.shooting_fit import ShootingOptions, fit_windows
 from models.estimation.multiple_shooting.shooting_windows import fix_parameters
+from models.physics.mechanisms.mechanism_effect import Scale
 
 mujoco = pytest.importorskip("mujoco", reason="mujoco is an extra")
 SWING = """<body pos="{0} 0 0"><joint name="{1}" type="hinge" axis="0 1 0" damping="0.02"/>
@@ -85,6 +87,22 @@ def test_the_motion_of_a_joint_without_a_sensor_is_found_whichever_way_it_swings
     options = ShootingOptions(iterations=25, shot_iterations=10, is_smooth=own.is_smooth)
     fitted = fit_windows(fixed, options=options)
     assert fitted.chi2_per_dof < 1.5
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
+def test_a_spring_beside_a_simulator_moves_a_joint_as_one_in_its_file(integrator: str):
+    """A millisecond later, it braked the joint by a milliradian in half a second, and gravity fitted better."""
+    from pipeline.io.simulators.mujoco_simulator import MujocoSimulator
+
+    body, t = SWING.format(0, "hinge", 0.4), np.arange(101) / 100
+    text = f'<mujoco><option timestep="0.002" integrator="{integrator}"/><worldbody>{body}</worldbody></mujoco>'
+    paths = []
+    for joint, values in (("", {"spring": (np.array([0.4]), np.zeros(1))}), (' stiffness="0.4"', {})):
+        model = mujoco.MjModel.from_xml_string(text.replace(' damping="0.02"', joint))
+        history = InputHistory(t, np.zeros((101, 0)))
+        stretch = Stretch(0, (0.0, 1.0), history, np.array([[0.6, 0.0]]), [values])
+        paths.append(simulate_motions(MujocoSimulator(model), [stretch], (Scale("rad"),))[0].states[0, :, 0])
+    np.testing.assert_allclose(paths[0], paths[1], atol=1e-4)
 
 
 @pytest.mark.parametrize("names", [("shoulder",), ("shoulder", "elbow")])
