@@ -14,7 +14,7 @@ _HALF_WAVES = 8
 def _sum_waves(q: FloatArray, v: FloatArray, p: tuple[FloatArray, ...]) -> FloatArray:
     """Sum cosine waves, which are constant beyond the range; a cosine series follows any smooth curve in it."""
     angle = np.pi * np.clip((q + 1) / 2, 0.0, 1.0)
-    return np.sum([size * np.cos(n * angle) for n, size in enumerate(p)], axis=0)
+    return np.asarray(np.sum([size * np.cos(n * angle) for n, size in enumerate(p)], axis=0))
 
 
 EFFECT = MechanismEffect(
