@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from diagnosis.diagnose import diagnose
+from diagnosis.fitting.diagnosis_windows import fit_initial_windows
 from diagnosis.fitting.display_names import format_parameter
+from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem
+from diagnosis.fitting.shot_preparation import apply_noise_estimate, estimate_noise
 from diagnosis.selection.hypotheses import ProgressCallback, ignore_progress
+from diagnosis.selection.hypothesis_trials import CLEAR_GAIN
 from diagnosis.verdicts.verdict import DiagnosisReport
 from models.core.errors import OptionError
 from models.core.number_format import format_unit, format_with_sigma
+from models.core.recording import Recording
 from models.estimation.gap_scenes.billiards_scene import BilliardsScene, pair_with_simulator
 from models.estimation.gap_scenes.gap_scene import GapScene
 from models.estimation.gap_scenes.simulator_scene import SimulatorScene, build_simulator_scene, leave_out_failures
 from models.numerics.executor import SERIAL, Executor
 from models.physics.mechanisms.mechanism_catalogue import MECHANISM_EFFECTS
+from pipeline.io.simulators.function_simulator import FunctionSimulator
 from pipeline.io.simulators.mechanism_recordings import MechanismShots, read_mechanism_shots
 from pipeline.io.simulators.pooltool_simulator import open_pooltool
 from pipeline.reporting.text.gap_sentences import format_error_size, name_runs
@@ -25,6 +31,8 @@ from pipeline.reporting.text.gap_sentences import format_error_size, name_runs
 _WRONG_SIGMAS = 3.0
 # Standard deviations above 0 from which a friction belongs into a file.
 _SEEN_SIGMAS = 2.0
+# Share of its misfit that half a step must explain for it to be doubted: a step that is right explains none of it.
+_STEP_SHARE = 0.1
 # Ratio of the error with stated coefficients to that with fitted ones from which to correct them comes first: less is
 # hidden by the error of a start.
 _CLEARLY_WORSE = 1.2
@@ -36,6 +44,7 @@ def diagnose_mechanism(
     seed: int = 0,
     on_progress: ProgressCallback = ignore_progress,
     executor: Executor = SERIAL,
+    on_note: Callable[[str], None] = lambda note: None,
 ) -> tuple[DiagnosisReport, dict[int, str], MechanismShots]:
     """Diagnose a simulator from outside.
 
@@ -45,6 +54,7 @@ def diagnose_mechanism(
         seed: Seed of the noise and bootstrap draws.
         on_progress: Receives what the search does.
         executor: Distributes the fits over processes.
+        on_note: Receives what was assumed of the recordings, before the search, which takes minutes.
 
     Returns:
         The report, with wrong coefficients of the simulator in its notes, the origin of each shot, and the shots.
@@ -60,6 +70,9 @@ def diagnose_mechanism(
     if 2 * failed > total:
         raise OptionError(f"{fails}; check its time step, its units and the poses at which it begins")
     lost = (f"{fails}; they are left out",) if failed else ()
+    doubts = (*lost, *_doubt_time_step(scene, recordings))
+    for note in (*shots.notes, *doubts):
+        on_note(note)
     report = diagnose(scene, recordings, seed, on_progress, executor)
     origins = shots.origins
     if len(inputs) == 1:  # without the name of the file, and none where the number of the shot says all
@@ -70,7 +83,7 @@ def diagnose_mechanism(
         *describe_coefficients(scene, report),
         *report.notes,
         *shots.notes,
-        *lost,
+        *doubts,
     )
 
     def say(text: str) -> str:
@@ -103,6 +116,23 @@ def _describe_changes(scene: SimulatorScene, report: DiagnosisReport) -> tuple[s
             if texts and not joint.body:
                 changes.append(f"joint {joint.name} {' '.join(texts)}")
     return (f"in the file of your simulator, give {', '.join(changes)}",) if changes else ()
+
+
+def _doubt_time_step(scene: SimulatorScene, recordings: tuple[Recording, ...]) -> tuple[str, ...]:
+    """Doubt a function that explains recordings better with half its step: it errs by itself, as by a lag."""
+    simulator = scene.simulator
+    if not isinstance(simulator, FunctionSimulator):
+        return ()
+    noise, finer = estimate_noise(recordings), replace(scene, simulator=simulator.halve_step())
+    used = apply_noise_estimate(recordings, noise)
+    whole, half = (fit_initial_windows(build_diagnosis_problem(one, noise.correlation), used) for one in (scene, finer))
+    if not whole.cost - half.cost > max(CLEAR_GAIN, _STEP_SHARE * whole.lower_excess_cost):
+        return ()
+    return (
+        f"with half its step of {1e3 * simulator.time_step:.3g} ms your simulator explains these runs better: a part"
+        " of what it lacks is the error of its steps, which looks like a lag or another scale; give it a shorter"
+        " time_step first",
+    )
 
 
 def pair_with_pooltool(scene: GapScene) -> BilliardsScene:

@@ -25,8 +25,8 @@ from models.numerics.statistics import correct_for_choices, evaluate_huber_loss
 
 # Number of noise samples.
 NOISE_DRAWS = 300
-# Standard deviation of an estimated correlation of the noise.
-_CORRELATION_SIGMA = 0.06
+# Least standard deviation of an estimated correlation of the noise, which is no exact autoregression.
+_LEAST_CORRELATION_SIGMA = 0.06
 # Largest correlation that is drawn.
 _MAX_CORRELATION = 0.97
 
@@ -86,7 +86,8 @@ def compute_residuals(
     left = [-flow.residual * weight[:, None] for flow, weight in zip(linearized.point.windows, weights, strict=True)]
     drawn = np.zeros(NOISE_DRAWS)
     if problem.correlation:  # all windows have the noise of one sensor: the error of its correlation is one for all
-        drawn = problem.correlation + _CORRELATION_SIGMA * rng.standard_normal(NOISE_DRAWS)
+        sigma = max(problem.correlation_sigma, _LEAST_CORRELATION_SIGMA)
+        drawn = problem.correlation + sigma * rng.standard_normal(NOISE_DRAWS)
         drawn = np.clip(drawn, 0.0, _MAX_CORRELATION)
     noise = [_draw_noise(problem.correlation, drawn, segment, rng) for segment in fitted.segments]
     # the residuals are projected like the noise: an iteration stops slightly before its minimum

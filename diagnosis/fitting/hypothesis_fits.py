@@ -59,6 +59,8 @@ class DiagnosisProblem:
     """Correlation of the noise of neighbouring frames."""
     executor: Executor = SERIAL
     """Distributes shots over processes."""
+    correlation_sigma: float = 0.0
+    """Standard deviation of `correlation`, as it was estimated."""
 
     @property
     def candidates(self) -> tuple[str, ...]:

@@ -14,6 +14,7 @@ from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, fit_s
 from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray
 from models.estimation.gap_scenes.gap_scene import ContactRichScene
+from models.estimation.gap_scenes.simulator_scene import SimulatorScene
 
 # Frames from which the start state is fitted.
 START_FRAMES = 15
@@ -119,8 +120,9 @@ def select_predictable(
 ) -> tuple[PredictionWindow, ...]:
     """Select the windows that the better model can predict from their first rows, and fit their start states.
 
-    In a contact-rich scene, a contact turns micrometres of start error into metres. Starts are sampled from their
-    covariance; a body is predicted as long as the samples agree about it, and only if it moves.
+    In a contact-rich scene, a contact turns micrometres of start error into metres; of a joint without a sensor, a few
+    rows of the others hardly tell the start. Starts are sampled from their covariance; a body is predicted as long as
+    the samples agree about it, and only if it moves.
 
     Args:
         problem: Scene and priors.
@@ -135,7 +137,9 @@ def select_predictable(
         return ()
     states = _fit_window_starts(problem, windows, like)
     windows = tuple(replace(one, start=start) for one, start in zip(windows, states.starts, strict=True))
-    if not isinstance(problem.scene, ContactRichScene):
+    scene = problem.scene
+    has_hidden_joints = isinstance(scene, SimulatorScene) and bool(scene.hidden)
+    if not (isinstance(scene, ContactRichScene) or has_hidden_joints):
         return windows
     predictable, error = [], float(np.sqrt(like.lack_of_fit))
     for one in windows:

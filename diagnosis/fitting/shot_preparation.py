@@ -113,6 +113,8 @@ _MAX_BASES = 200
 _MAX_SMOOTH_RATIO = 2.5
 # Largest correlation of neighbouring frames that such short segments can separate from smooth motion.
 _MAX_CORRELATION = 0.95
+# Step over which the derivative of expected residuals by the correlation is taken.
+_CORRELATION_STEP = 0.01
 # Extent from which a body moves within a segment, standard deviations.
 _MOVING_SIGMAS = 20.0
 # Frames of the shortest segments: their polynomials leave one residual.
@@ -145,6 +147,8 @@ class NoiseEstimate:
     """Correlation of the errors of neighbouring frames; 0 where it is not significant."""
     segment_count: int
     """Number of smooth segments that the estimate is based on."""
+    correlation_sigma: float = 0.0
+    """Standard deviation of `correlation`."""
 
     @property
     def is_measured(self) -> bool:
@@ -220,13 +224,13 @@ def _estimate_from_residuals(rows: FloatArray, bases: FloatArray) -> NoiseEstima
         return NoiseEstimate(1.0, 0.0, len(smooth))
     bases = bases[:: -(-len(bases) // _MAX_BASES)]
     # one residual says nothing of a correlation
-    correlation = _estimate_correlation(smooth, bases) if rows.shape[1] > _LEAST_FRAMES else 0.0
+    correlation, error = _estimate_correlation(smooth, bases) if rows.shape[1] > _LEAST_FRAMES else (0.0, 0.0)
     remaining, free = _compute_residual_products(correlation, bases)[0], _degrees_of_freedom(correlation, bases)
     # pieces beyond the limit are missing from the mean as much as chance puts there
     cut = _MAX_SMOOTH_RATIO * chi2.ppf(0.5, free)
     share = chi2.cdf(cut, free + 2) / chi2.cdf(cut, free)
     return NoiseEstimate(
-        float(np.sqrt(np.square(smooth).sum(axis=1).mean() / share / remaining)), correlation, len(smooth)
+        float(np.sqrt(np.square(smooth).sum(axis=1).mean() / share / remaining)), correlation, len(smooth), error
     )
 
 
@@ -291,22 +295,28 @@ def _degrees_of_freedom(correlation: float, bases: FloatArray) -> float:
     return float(np.trace(left, axis1=1, axis2=2).mean() ** 2 / np.square(left).sum(axis=(1, 2)).mean())
 
 
-def _estimate_correlation(segments: FloatArray, bases: FloatArray) -> float:
-    """Estimate the correlation of noise from its residuals; 0 where it is not significant at 5 %."""
+def _estimate_correlation(segments: FloatArray, bases: FloatArray) -> tuple[float, float]:
+    """Estimate the correlation of noise from its residuals, and its standard deviation.
+
+    It is 0 where it is not significant at 5 %.
+    """
+    squares = np.square(segments).sum(axis=1)
     products = (segments[:, 1:] * segments[:, :-1]).sum(axis=1)
-    ratio = float(products.sum() / np.square(segments).sum())
+    ratio = float(products.sum() / squares.sum())
     white = _compute_residual_products(0.0, bases)
     # pieces overlap by half, so that about two of three are independent
-    spread = float(np.std(products - white[1] / white[0] * np.square(segments).sum(axis=1)))
-    error = spread / np.square(segments).sum(axis=1).mean() / np.sqrt(max(len(segments) / 1.5, 1.0))
+    count = np.sqrt(max(len(segments) / 1.5, 1.0))
+    error = float(np.std(products - white[1] / white[0] * squares)) / squares.mean() / count
     if ratio - white[1] / white[0] < 1.65 * error:
-        return 0.0
+        return 0.0, 0.0
 
     def beyond(correlation: float) -> float:
         squares, neighbours = _compute_residual_products(correlation, bases)
         return neighbours / squares - ratio
 
-    return float(brentq(beyond, 0.0, _MAX_CORRELATION)) if beyond(_MAX_CORRELATION) > 0 else _MAX_CORRELATION
+    found = float(brentq(beyond, 0.0, _MAX_CORRELATION)) if beyond(_MAX_CORRELATION) > 0 else _MAX_CORRELATION
+    slope = (beyond(found) - beyond(found - _CORRELATION_STEP)) / _CORRELATION_STEP
+    return found, float(np.std(products - ratio * squares)) / squares.mean() / count / slope
 
 
 def apply_noise_estimate(recordings: tuple[Recording, ...], noise: NoiseEstimate) -> tuple[Recording, ...]:

@@ -123,7 +123,12 @@ def _continue_on_longer_windows(search: EffectSearch, best: Hypothesis) -> Effec
     substitutes = find_substitutes(search, search.hypotheses[best.names])
     first, simulator_fit = (longer(search.base), search.simulator_fit) if best.names else (best, fitted)
     continued = EffectSearch(
-        problem, first, simulator_fit, on_progress=search.on_progress, steps_done=search.steps_done
+        problem,
+        first,
+        simulator_fit,
+        with_blocked_partners=search.with_blocked_partners,
+        on_progress=search.on_progress,
+        steps_done=search.steps_done,
     )
     continued.hypotheses[best.names] = best
     for name in best.names:
@@ -236,10 +241,7 @@ def needs_all_effects(search: EffectSearch, hypothesis: Hypothesis) -> bool:
     The last condition: a small effect beside a large misfit only substitutes for another one.
     """
     return all(_has_strength(search.problem, hypothesis.fitted, name) for name in hypothesis.names) and all(
-        effect_p_value(search, hypothesis, name) < SIGNIFICANCE
-        and _exceeds_rest(
-            search, hypothesis, fit_without_effect(search, hypothesis, name).cost - hypothesis.fitted.cost
-        )
+        effect_p_value(search, hypothesis, name) < SIGNIFICANCE and _exceeds_rest(search, hypothesis, name)
         for name in _order_from_weakest(search, hypothesis)
     )
 
@@ -267,19 +269,24 @@ def _has_strength(problem: DiagnosisProblem, fitted: EffectFit, name: str) -> bo
     return bool(square > chi2.isf(_STRENGTH_SIGNIFICANCE, len(strength)))
 
 
-def _exceeds_rest(search: EffectSearch, hypothesis: Hypothesis, gain: float) -> bool:
+def _exceeds_rest(search: EffectSearch, hypothesis: Hypothesis, name: str) -> bool:
     """Return whether an effect of a hypothesis explains more cost than the hypothesis leaves beyond noise.
 
     The size of the noise may be off a little; where shots disagree about several effects and are few, any cost may be
     systematic. Real motion keeps a rest that no law explains, and which refutes no effect: where generic laws explain
-    less of it, that is what an effect must exceed, and a share of the misfit of the simulator.
+    less of it, that is what an effect must exceed, and a share of the misfit of the simulator. Effects of which one was
+    blocked beside other strengths of the others take over each other's parts of that: their share is one of what is
+    left without each.
     """
+    without = fit_without_effect(search, hypothesis, name)
+    gain = without.cost - hypothesis.fitted.cost
     few = len({segment.shot for segment in hypothesis.fitted.segments}) < MIN_SHOTS_FOR_SELECTION
     disputed = few and hypothesis.size > 1 and not _do_shots_agree(search, hypothesis)
     beyond_noise = hypothesis.fitted.upper_excess_cost if disputed else hypothesis.fitted.lower_excess_cost
     if gain >= beyond_noise or not search.problem.probes:
         return gain >= beyond_noise
-    least = _MIN_SHARE_BESIDE_REST * search.base.fitted.lower_excess_cost
+    whole = without if hypothesis.names in search.with_blocked_partners else search.base.fitted
+    least = _MIN_SHARE_BESIDE_REST * whole.lower_excess_cost
     return gain >= least and gain >= search.generic_law_gain(hypothesis)
 
 
@@ -334,6 +341,9 @@ def propose_hypotheses(search: EffectSearch, now: Hypothesis) -> list[frozenset[
         is_natural = problem.natural != problem.neutral(problem.simulator_forms)
         masks = {name: problem.mask((name,)) for name in gains if name not in first}
         first += [name for name, mask in masks.items() if signatures.raw[mask].any() and is_natural[mask].any()]
+        blocked = [name for name in _find_blocked_partners(search, now, signatures) if name not in first]
+        search.with_blocked_partners |= {now.names | {name} for name in blocked}
+        first += blocked
     forms = [choice.name for choice in problem.scene.alternatives if choice.name not in now.names]
     if now.names and now.fitted.lower_excess_cost == 0 and _do_shots_agree(search, now):
         forms = []  # effects that leave only noise replace a form
@@ -344,6 +354,24 @@ def propose_hypotheses(search: EffectSearch, now: Hypothesis) -> list[frozenset[
         # neither effect would be found alone
         proposals += [frozenset(best)] if pairs[best] > _PAIR_GAIN_RATIO * max(gains.values()) + 20.0 else []
     return proposals
+
+
+def _find_blocked_partners(search: EffectSearch, now: Hypothesis, signatures: Signatures) -> list[str]:
+    """Find partners of the effects of a hypothesis that their bounds keep absent beside the fitted strengths.
+
+    To first order the data ask for less of them than nothing; beside other strengths of their partner, they may ask for
+    more: a strong actuator seems to turn less than the inertia of its file, until its rotor is known.
+    """
+    problem = search.problem
+    partners = {one for effect in problem.scene.effects if effect.name in now.names for one in effect.partners}
+    blocked = []
+    for name in sorted(partners & set(problem.candidates) - now.names):
+        mask, step = problem.mask((name,)), np.zeros(len(problem.priors))
+        step[mask] = signatures.step(mask)
+        absent = now.fitted.shared[mask]
+        if signatures.raw[mask].any() and (problem.clip_to_bounds(now.fitted.shared + step)[mask] == absent).all():
+            blocked.append(name)
+    return blocked
 
 
 def _predict_gains(search: EffectSearch, now: Hypothesis) -> dict[str, float]:

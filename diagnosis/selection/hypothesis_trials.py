@@ -40,6 +40,9 @@ _MIN_COARSE_SHARE = 0.25
 _MIN_FORM_SHARE = 0.75
 # Ratio to the cost of the near hypothesis from which better starts alone cannot help.
 _HOPELESS_COST_RATIO = 3.0
+# Multiples of the usual strength from which an effect is fitted that came to nothing at a bound: the usual one, and the
+# middle between it and a large one, ten times as large. From either alone, a rotor went astray.
+_BLOCKED_STARTS = (1.0, 10**0.5)
 # Share of the natural strength up to which hidden states may have absorbed an effect.
 #
 # The effect is then fitted from its natural strength, with start states from initial guesses: those of a fit without it
@@ -119,7 +122,7 @@ def _iterate_fits(
 def _iterate_fits_from_usual_strengths(
     problem: DiagnosisProblem, near: Hypothesis, coarse: list[EffectFit], fresh: BoolArray
 ) -> Iterator[EffectFit]:
-    """Yield fits of added effects that came to nothing at a bound, from a usual strength on its inner side.
+    """Yield fits of added effects that came to nothing at a bound, from strengths on its inner side.
 
     The other effects have taken such values without it that its strength would have to become negative, and leave a
     large misfit; beside other values of theirs, it may explain more. A few iterations do not reach these.
@@ -131,9 +134,10 @@ def _iterate_fits_from_usual_strengths(
         absent = np.any([mask & np.all((fitted.shared == neutral)[mask]) for mask in masks], axis=0)
         inward = absent * ((neutral == low).astype(float) - (neutral == high))
         if fitted.forms == near.fitted.forms and fitted.lack_of_fit > POOR_LACK_OF_FIT and inward.any():
-            guess = problem.clip_to_bounds(fitted.shared + inward * sigma)
-            if can_simulate(problem, near.fitted, fitted.forms, guess):
-                yield fit_effects(problem, fitted.segments, fitted.names, fitted.forms, guess, near.fitted.starts)
+            for size in _BLOCKED_STARTS:
+                guess = problem.clip_to_bounds(fitted.shared + size * inward * sigma)
+                if can_simulate(problem, near.fitted, fitted.forms, guess):
+                    yield fit_effects(problem, fitted.segments, fitted.names, fitted.forms, guess, near.fitted.starts)
 
 
 def _fit_coarsely(

@@ -47,10 +47,10 @@ from diagnosis.selection.hypotheses import REFUTED_RIVAL_LOG_EVIDENCE, EffectSea
 from diagnosis.selection.hypothesis_trials import restart_disagreeing_shots
 from diagnosis.selection.unknown_effects import (
     MIN_EXPLAINED_SHARE,
+    MIN_LAW_SHARE,
     UnknownEvidence,
     agreement_p_value,
     estimate_explained_share,
-    measure_law_share,
     min_selection_gain,
 )
 from models.core.recording import Recording
@@ -133,7 +133,9 @@ def run_study(
         The study.
     """
     noise = estimate_noise((*split.fitting, *split.selection))
-    problem = build_diagnosis_problem(scene, noise.correlation, executor)
+    problem = replace(
+        build_diagnosis_problem(scene, noise.correlation, executor), correlation_sigma=noise.correlation_sigma
+    )
     first, second = apply_noise_estimate(split.fitting, noise), apply_noise_estimate(split.selection, noise)
     duration, used_windows = float("inf"), (0, 0)
     if isinstance(scene, ContactRichScene):
@@ -231,18 +233,33 @@ def _test_best(
     is_named = evidence.has_systematic_residuals and share > MIN_EXPLAINED_SHARE
     if not (is_named and second and problem.probes):
         return evidence
-    return replace(evidence, generic_law_share=_measure_generic_law_share(problem, full, second, after))
+    if best.size > 1:  # several effects may imitate one law, as the terms of a series do
+        share, is_better = _measure_generic_law_shares(problem, full, second, after, before)
+        if share > MIN_LAW_SHARE:
+            return replace(evidence, imitation_probability=(sum(is_better) + 1) / (len(is_better) + 2))
+    share = _measure_generic_law_shares(problem, full, second, after, after)[0]
+    return replace(evidence, generic_law_share=share)
 
 
-def _measure_generic_law_share(
-    problem: DiagnosisProblem, whole: EffectFit, recordings: tuple[Recording, ...], best: EffectFit
-) -> float:
-    """Measure the share of the misfit of these shots that a generic law, fitted to other shots, explains."""
-    probed = fit_effects(problem, best.segments, (*best.names, *problem.probes), best.forms, best.shared, best.starts)
-    segments, starts = select_shot_windows(whole, recordings)
-    return measure_law_share(
-        fit_start_states(problem, segments, best, starts), fit_start_states(problem, segments, probed, starts)
-    )
+def _measure_generic_law_shares(
+    problem: DiagnosisProblem, whole: EffectFit, recordings: tuple[Recording, ...], best: EffectFit, beside: EffectFit
+) -> tuple[float, list[bool]]:
+    """Measure what generic laws, beside the effects of a fit to other shots, explain of what the best one leaves.
+
+    Returns:
+        Share of the misfit of these shots, and whether the laws explain each of the shots better.
+    """
+    names = (*beside.names, *problem.probes)
+    probed = fit_effects(problem, best.segments, names, beside.forms, beside.shared, best.starts)
+    left, gained, is_better = 0.0, 0.0, []
+    for one in recordings:
+        segments, starts = select_shot_windows(whole, (one,))
+        if not segments:
+            continue
+        without, with_laws = (fit_start_states(problem, segments, fitted, starts) for fitted in (best, probed))
+        left, gained = left + without.systematic_cost, gained + without.cost - with_laws.cost
+        is_better.append(with_laws.cost < without.cost)
+    return (float(np.clip(gained / left, -1.0, 1.0)) if left > 0 else 0.0), is_better
 
 
 def _compare_with_body_strengths(

@@ -57,6 +57,9 @@ class UnknownEvidence:
     """Whether selection shots gained from the effects."""
     generic_law_share: float = float("nan")
     """Share of the misfit of selection shots that a generic law, fitted to others, explains; NaN without such a law."""
+    imitation_probability: float = 0.0
+    """Probability that generic laws alone explain another shot better than several named effects do, by the rule of
+    succession; 0 where they explain less than `MIN_LAW_SHARE` of what these leave on selection shots."""
     gap: GapState = "unmeasured"
     """Whether selection shots are predicted worse than noise explains, without the effects."""
     effect_count: int = 1
@@ -77,9 +80,11 @@ class UnknownEvidence:
 
     @property
     def is_law_missing(self) -> bool:
-        """Whether the systematic residuals need another law."""
-        return self.explained_share < MIN_EXPLAINED_SHARE or (
-            self.generic_law_share > MIN_LAW_SHARE and self.explained_share < NEARLY_EXPLAINED_SHARE
+        """Whether the systematic residuals need another law, or one law is what several effects together imitate."""
+        return (
+            self.explained_share < MIN_EXPLAINED_SHARE
+            or (self.generic_law_share > MIN_LAW_SHARE and self.explained_share < NEARLY_EXPLAINED_SHARE)
+            or self.imitation_probability > 0
         )
 
     @property
@@ -104,7 +109,7 @@ class UnknownEvidence:
     def probability(self) -> float:
         """Probability that most of what is missing is not in the library: that something is left, and is most of it."""
         if self.is_unknown:
-            return self.rest_probability * max(1 - self.most_probability, _EVEN)
+            return self.rest_probability * max(1 - self.most_probability, self.imitation_probability, _EVEN)
         return self.rest_probability * min(1 - self.most_probability, _EVEN)
 
     def judge_by_predictions(self, ahead: GapClosure) -> UnknownEvidence:
@@ -188,9 +193,3 @@ def estimate_explained_share(
     excess = base.cost - best.cost + max(best.systematic_cost, total - free)
     share = 1.0 if excess <= 0 else float(np.clip((base.cost - best.cost) / excess, 0.0, 1.0))
     return share, share
-
-
-def measure_law_share(before: EffectFit, after: EffectFit) -> float:
-    """Measure the share of a model's misfit beyond noise that a generic law beside it explains."""
-    left = before.systematic_cost
-    return float(np.clip((before.cost - after.cost) / left, -1.0, 1.0)) if left > 0 else 0.0

@@ -140,6 +140,28 @@ def test_a_motor_that_loses_force_with_its_speed_is_told_from_friction_by_what_i
     assert fitted["actuator_gain.limit"].value == pytest.approx(1.0, rel=0.1)
 
 
+@pytest.mark.parametrize(("viscous", "is_explicit"), [(0.0, True), (0.3, False)])
+def test_a_step_that_is_too_long_is_doubted_before_the_search(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, viscous: float, is_explicit: bool
+):
+    """Explicit steps of Euler drive a pendulum, the longer the more; friction is no error of a step."""
+    lines, euler = SWING.splitlines(), "    return np.array([q + dt * v, v - dt * 20.0 * np.sin(q)])"
+    name = f"steps_{'explicit' if is_explicit else 'verlet'}"
+    model = [*lines[:5], euler, *lines[8:]] if is_explicit else lines
+    (tmp_path / f"{name}.py").write_text("\n".join(model) + "\n")
+    write_swings(tmp_path / "real.csv", viscous)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    told: list[str] = []
+
+    def stop(*_: object) -> None:
+        raise RuntimeError("the search begins")
+
+    monkeypatch.setattr("pipeline.simulator_diagnosis.diagnose", stop)
+    with pytest.raises(RuntimeError, match="search"):
+        diagnose_mechanism([tmp_path / "real.csv"], f"{name}:swing", on_note=told.append)
+    assert any("give it a shorter time_step first" in note for note in told) == is_explicit
+
+
 def test_a_report_states_how_much_of_a_long_log_was_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     (tmp_path / "swing_model.py").write_text(SWING)
     write_swings(tmp_path / "real.csv", 0.3, 3.0)

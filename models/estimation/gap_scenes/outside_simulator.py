@@ -87,6 +87,13 @@ class OutsideSimulator(Protocol):
         """Length of a step, s."""
 
     @property
+    def velocity_lag(self) -> float:
+        """Time by which the velocities of its states lag behind the positions, s.
+
+        Half a step of Euler's method that moves positions by the new velocities, else 0.
+        """
+
+    @property
     def takes_forces(self) -> bool:
         """Whether `advance` takes forces and torques; accelerations otherwise."""
 
@@ -273,8 +280,10 @@ class _JointLaws:
         self.laws = [(one, own) for one, own in laws if (one.brake, one.dry, one.force) != (None, None, None)]
         self.inertia = np.array([joint.inertia for joint in simulator.joints])
         self.speed, self.strength = np.array([s.speed for s in scales]), np.array([s.force for s in scales])
+        self.middle, self.reach = np.array([s.middle for s in scales]), np.array([s.reach for s in scales])
         self.band = _stack_values("dead_band", values, scales)[0] if "dead_band" in names else None
         self.servo = np.array(simulator.servo_joints, np.int64)
+        self.velocity_lag = simulator.velocity_lag
         groups = group_joints(simulator.joints)[1]
         self.is_alike = (groups[:, None] == groups).astype(np.float64)
         self.depend_on_motion = bool(self.laws) or self.band is not None
@@ -285,22 +294,26 @@ class _JointLaws:
         """Evaluate forces and brakes (C, N) of the next dt (s), given accelerations without and with the brakes.
 
         Laws are taken at the middle of the interval: at its start they would lag by half of it, and a spring would then
-        drive the motion. A brake is the mean force of v' = acceleration - rate v; dry friction stops a joint at most,
-        and holds it. What brakes a free body depends on the size of its velocity, and acts against it.
+        drive the motion. Where velocities lag behind the positions, that middle is as much earlier: a spring would
+        brake the motion by as much. A brake is the mean force of v' = acceleration - rate v; dry friction stops a joint
+        at most, and holds it. What brakes a free body depends on the size of its velocity, and acts against it.
         """
         force, rate, dry = np.zeros_like(q), np.zeros_like(q), np.zeros_like(q)
-        q, middle = q + (v + total * dt / 4) * dt / 2, v + total * dt / 2
+        ahead = dt / 2 - self.velocity_lag
+        q, middle = q + (v + total * (self.velocity_lag + ahead / 2)) * ahead, v + total * dt / 2
         for effect, own in self.laws:
-            # a generic brake is a law of the speed in multiples of the typical one
-            is_generic = effect.site == "mechanism"
-            speed, strength = (middle / self.speed, self.strength) if is_generic else (middle, 1.0)
+            # a generic law is one of the share of the reach and of the typical speed
+            is_generic = effect.kind == "probe"
+            place, speed, strength = q, middle, np.ones(1)
+            if is_generic:
+                place, speed, strength = (q - self.middle) / self.reach, middle / self.speed, self.strength
             if effect.force is not None:
-                force += effect.force(q, middle, own)
+                force += effect.force(place, speed, own)
             speed = self._measure_sizes(speed)
             if effect.brake is not None:
-                rate += effect.brake(q, speed, own) * (strength / self.speed if is_generic else 1.0)
+                rate += effect.brake(place, speed, own) * (strength / self.speed if is_generic else 1.0)
             if effect.dry is not None:
-                dry += effect.dry(q, speed, own) * strength
+                dry += effect.dry(place, speed, own) * strength
         x = rate * dt / self.inertia
         with np.errstate(over="ignore", invalid="ignore"):  # of a run that diverges
             decay = np.expm1(-x)

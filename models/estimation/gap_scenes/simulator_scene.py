@@ -523,9 +523,10 @@ def _measure_joint_scales(
     simulator: OutsideSimulator, recordings: tuple[Recording, ...], observed: IntArray
 ) -> tuple[Scale, ...]:
     """Measure the typical motion of every joint; of one that is not observed, the mean of the others of its unit."""
-    position, speed = np.full(len(simulator.joints), np.nan), np.full(len(simulator.joints), np.nan)
+    position, speed, reach = (np.full(len(simulator.joints), np.nan) for _ in range(3))
+    middle = simulator.rest[: len(position)].copy()
     for body, joint in enumerate(observed):
-        squares, spreads = [], []
+        squares, spreads, ends = [], [], []
         for one in recordings:
             rows = np.flatnonzero(one.is_observed[:, body])
             places, t = one.positions[rows, body, 0], one.t[rows]
@@ -533,18 +534,25 @@ def _measure_joint_scales(
             if len(rows) > 1:
                 squares.append(np.square(np.diff(places[::step]) / np.diff(t[::step])))
                 spreads.append(np.square(places - places.mean()))
+                ends += [places.min(), places.max()]
         if not squares:
             continue
         position[joint] = max(float(np.sqrt(np.concatenate(spreads).mean())), _LEAST_POSITION)
         speed[joint] = max(float(np.sqrt(np.concatenate(squares).mean())), _LEAST_SPEED)
+        middle[joint], reach[joint] = (max(ends) + min(ends)) / 2, max((max(ends) - min(ends)) / 2, _LEAST_POSITION)
     scales = []
     for k, joint in enumerate(simulator.joints):
         alike = [other.unit == joint.unit for other in simulator.joints]
-        typical = [
-            np.nanmean(values[alike]) if np.isfinite(values[alike]).any() else 1.0 for values in (position, speed)
+        own = [
+            float(one[k] if np.isfinite(one[k]) else np.nanmean(one[alike]) if np.isfinite(one[alike]).any() else 1.0)
+            for one in (position, speed, reach)
         ]
-        own = position[k] if np.isfinite(position[k]) else typical[0], speed[k] if np.isfinite(speed[k]) else typical[1]
-        scales.append(Scale(joint.unit, float(own[0]), float(own[1]), 1.0, joint.inertia, simulator.takes_forces))
+        scales.append(
+            Scale(
+                joint.unit, own[0], own[1], 1.0, joint.inertia, simulator.takes_forces, middle=float(middle[k]),
+                reach=own[2],
+            )
+        )  # fmt: skip
     return tuple(scales)
 
 

@@ -98,6 +98,7 @@ class FunctionSimulator:
 
     takes_forces = False
     last_mass = 1.0
+    velocity_lag = 0.0
     own_effects: Mapping[str, tuple[float, ...]] = MappingProxyType({})
     drives: tuple[Drive, ...] = ()
 
@@ -114,6 +115,10 @@ class FunctionSimulator:
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
         """Pickle the name of the function, which another process imports."""
         return _import_again, (str(Path.cwd()), self.module, self.function, self.joints, self.inputs, self.time_step)
+
+    def halve_step(self) -> FunctionSimulator:
+        """Return the simulator with half its step."""
+        return FunctionSimulator(self.module, self.function, self.joints, self.inputs, self.time_step / 2)
 
     def begin(
         self, starts: FloatArray, values: Sequence[EffectValues], powered: BoolArray, shots: IntArray, t: FloatArray

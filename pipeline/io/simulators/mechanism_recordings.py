@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +48,9 @@ _MOST_POSES = 500
 _JUMP_SHARE = 0.75
 # Largest rotation vector, rad, of a body whose turns are compared: at half a turn it jumps to the other side.
 _LARGEST_TURN = 0.9 * np.pi
+# Similarity of the names of a column that is not used and of a joint that is not recorded, from which one of them may
+# be misspelt: one wrong letter of five, but not a word more such as `vel`.
+_ALIKE_NAMES = 0.8
 # Multiple of a joint's limit above which angles without a unit are taken for degrees: stops give a little, and degrees
 # are 57 times as many.
 _MOST_LIMITS = 3.0
@@ -155,7 +159,8 @@ def _match_shots(tables: Sequence[TextTable], simulator: OutsideSimulator) -> Me
         unused = [name for name in table.columns if name not in {*columns, *inputs, *OTHER_COLUMNS}]
         jumping = set[str]()
         left = [f"{escape_text(table.path)}: not used: {', '.join(unused)}"] if unused else []
-        notes += [*table.notes, *assumed, *more, *left, *_doubt_radians(table, joints, columns)]
+        doubts = [*_doubt_spelling(table, simulator, joints, unused), *_doubt_radians(table, joints, columns)]
+        notes += [*table.notes, *assumed, *more, *left, *doubts]
         for part in _split_shots(table, simulator, joints, columns, inputs):
             shot = len(recordings)
             jumping |= _undo_full_turns(part, joints)
@@ -186,6 +191,19 @@ def _require_numbers(table: TextTable, familiar: frozenset[str]) -> None:
                 f"{escape_text(table.path)}: the column {name} has values that are no numbers; write plain numbers, and"
                 " leave a cell empty where there is none"
             )
+
+
+def _doubt_spelling(
+    table: TextTable, simulator: OutsideSimulator, joints: Sequence[Joint], unused: Sequence[str]
+) -> list[str]:
+    """List columns that are not used and nearly called like a joint that has no column."""
+    missing = {one.name.lower(): one.name for one in simulator.joints if one not in joints}
+    pairs = [(name, get_close_matches(name, missing, 1, _ALIKE_NAMES)) for name in unused]
+    return [
+        f"{escape_text(table.path)}: {missing[close[0]]} has no column; if it is {name}, give both the same name"
+        for name, close in pairs
+        if close
+    ]
 
 
 def _doubt_radians(table: TextTable, joints: Sequence[Joint], columns: Sequence[str]) -> list[str]:

@@ -102,6 +102,8 @@ class MujocoSimulator:
         self._copies: dict[tuple[object, ...], Any] = {}
         self._size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
         self.time_step = float(model.opt.timestep)
+        has_stages = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
+        self.velocity_lag = 0.0 if has_stages else self.time_step / 2
         self._touching = touching
         self.joints, self.places = self._list_joints()
         self.inputs = tuple(self._name("actuator", k) for k in range(model.nu))

@@ -23,6 +23,7 @@ class RecordedSimulator:
     takes_forces = False
     failure = ""
     last_mass = 1.0
+    velocity_lag = 0.0
     drives: tuple[Drive, ...] = ()
     inputs: tuple[str, ...] = ()
     servo_joints: tuple[int, ...] = ()

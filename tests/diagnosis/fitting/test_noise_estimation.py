@@ -24,6 +24,16 @@ def test_size_and_correlation_of_noise_are_found(correlation: float) -> None:
     assert abs(np.mean([one.correlation for one in estimates]) - correlation) < 0.08
 
 
+def test_an_estimated_correlation_states_its_error() -> None:
+    """Chance alone gives 0.35 to 0.65 for 0.5 in a few short shots."""
+    filming = Filming(shots=2, seconds=1.0, correlation=0.5)
+    found = [estimate_noise(film(np.random.default_rng(seed), GLIDING, filming)) for seed in range(24)]
+    off = [(one.correlation - 0.5) / one.correlation_sigma for one in found if one.correlation > 0]
+    assert len(off) > 18
+    assert 0.6 < np.sqrt(np.mean(np.square(off))) < 1.5
+    assert np.median([one.correlation_sigma for one in found]) > 0.06
+
+
 def test_white_noise_is_seldom_called_correlated() -> None:
     filming = Filming(shots=4, seconds=1.0)
     called = [estimate_noise(film(np.random.default_rng(s), GLIDING, filming)).correlation > 0 for s in range(20)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -11,6 +11,7 @@ from support.pucks import FRICTION, SLOPE, Effect, Filming, Gliding, Pucks, film
 from diagnosis.fitting.diagnosis_windows import split_into_segments
 from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem, fit_effects
 from diagnosis.fitting.shot_preparation import apply_noise_estimate, estimate_noise
+from diagnosis.selection.effect_selection import propose_hypotheses
 from diagnosis.selection.hypotheses import EffectSearch, Hypothesis
 from diagnosis.selection.hypothesis_trials import try_hypothesis
 from models.core.recording import Recording
@@ -46,17 +47,35 @@ class BentGliding(Gliding):
         return linear
 
 
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_an_effect_that_begins_uphill_from_its_bound_is_found_beyond_the_hill(side: float) -> None:
+def search_bent_pucks(side: float, slope: Effect = SLOPE) -> EffectSearch:
+    """Begin a search with pucks whose sideways force is uphill from its bound."""
     low, high = sorted((0.0, 3.0 * side))
     bent = Effect("sideways", (one("c", "1/s", 1.0, low, high),), (0.0,))
-    problem = build_diagnosis_problem(BentPucks((FRICTION, SLOPE, bent), side=side), 0.0)
+    problem = build_diagnosis_problem(BentPucks((FRICTION, slope, bent), side=side), 0.0)
     truth = {"friction.mu": 0.02, "sideways.c": STRENGTH * (STRENGTH - 1)}
     filmed = film(np.random.default_rng(1), truth, Filming(shots=4))
     base = fit_effects(problem, split_into_segments(problem, apply_noise_estimate(filmed, estimate_noise(filmed))))
-    search = EffectSearch(problem, Hypothesis(frozenset(), base), simulator_fit=base)
+    return EffectSearch(problem, Hypothesis(frozenset(), base), simulator_fit=base)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_an_effect_that_begins_uphill_from_its_bound_is_found_beyond_the_hill(side: float) -> None:
+    search = search_bent_pucks(side)
+    problem, base = search.problem, search.base.fitted
     stuck = fit_effects(problem, base.segments, ("sideways",), base.forms, base.shared, base.starts)
     assert stuck.shared[problem.mask(("sideways",))] == 0
     fitted = try_hypothesis(search, frozenset({"sideways"}), search.base).fitted
     assert fitted.shared[problem.mask(("sideways",))] == pytest.approx(side * STRENGTH, abs=0.02)
     assert fitted.lack_of_fit < 1.2 < stuck.lack_of_fit
+
+
+@pytest.mark.parametrize("partners", [(), ("sideways",)])
+def test_a_partner_that_its_bound_keeps_absent_is_tried_beside_what_is_named(
+    partners: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To first order the pucks ask for less than no sideways force, so that others come first."""
+    search = search_bent_pucks(1.0, replace(SLOPE, partners=partners))
+    monkeypatch.setattr("diagnosis.selection.effect_selection.REFITS_PER_STEP", 0)
+    slope = try_hypothesis(search, frozenset({"slope"}), search.base)
+    assert propose_hypotheses(search, slope) == [frozenset({"slope", name}) for name in partners]
+    assert search.with_blocked_partners == {frozenset({"slope", name}) for name in partners}

@@ -135,6 +135,17 @@ def test_several_effects_are_less_sure_than_one_as_together_they_imitate_others(
     assert not replace(evidence, effect_count=3).is_unknown
 
 
+def test_several_effects_are_no_answer_where_one_generic_law_alone_explains_what_they_leave() -> None:
+    """Gravity, spring and sensor scale close 98 % of the gap of a force that varies with the angle of a joint."""
+    imitated = UnknownEvidence(1e-9, 5.0, 1e-9, 0.9998, 0.95, effect_count=3)
+    assert not imitated.is_unknown
+    unknown = replace(imitated, imitation_probability=0.75).judge_by_predictions(CLOSED)
+    assert unknown.is_unknown
+    assert unknown.probability == pytest.approx(0.75, abs=0.01)
+    noise = replace(imitated, residual_p_value=0.5, residual_scale=1.0, agreement_p_value=0.5)
+    assert not replace(noise, imitation_probability=0.75).is_unknown
+
+
 def test_shots_that_lose_from_an_effect_speak_for_another_one() -> None:
     assert UnknownEvidence(0.5, 1.0, 0.5, 0.99, 0.9, False, 0.0).is_unknown
     assert UnknownEvidence(0.5, 1.0, 0.5, 0.99, 0.9, False, 0.0).probability > 0.25

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.gap_scenes.mechanism_inputs import EffectValues, InputHistory
@@ -35,6 +36,7 @@ class FreeBody:
     takes_forces: bool = True
     drives: tuple[Drive, ...] = ()
     last_mass: float = 1.0
+    velocity_lag: float = 0.0
     rest: FloatArray = field(default_factory=lambda: np.zeros(2))
     own_effects: dict[str, tuple[float, ...]] = field(default_factory=dict)
     given: list[float] = field(default_factory=list)
@@ -130,6 +132,21 @@ def test_viscous_friction_and_air_drag_follow_their_laws():
     np.testing.assert_allclose(viscous[:, 1], np.exp(-3.0 * t), rtol=1e-3)
     drag = push_body({"air_drag": (np.array([2.0]),)}, np.zeros(21), t, 1.0).at(t)[0]
     np.testing.assert_allclose(drag[:, 1], 1 / (1 + 2.0 * t), rtol=3e-3)
+
+
+def test_a_generic_force_varies_over_the_reach_and_is_constant_beyond():
+    """A half wave from 1 to -1 over the reach, which is 2 m here: F = -sin(pi x / 4)."""
+    values = {"force_over_position": tuple(np.array([float(n == 1)]) for n in range(9))}
+    t, start = np.linspace(0, 4.0, 41), np.array([[0.0, 2.5]])
+    stretch = Stretch(0, (0.0, 4.0), InputHistory(t, np.zeros((41, 1))), start, [values])
+    motions = simulate_motions(FreeBody(), [stretch], (replace(SCALES[0], reach=2.0),))[0]
+
+    def fall(_: float, state: FloatArray) -> list[float]:
+        return [state[1], -np.sin(np.pi / 4 * np.clip(state[0], -2.0, 2.0))]
+
+    path = solve_ivp(fall, (0, 4.0), start[0], t_eval=t, rtol=1e-9, max_step=0.01).y
+    assert path[0].max() > 2.5
+    np.testing.assert_allclose(motions.at(t)[0, :, 0], path[0], atol=2e-3)
 
 
 def test_brakes_of_a_driven_body_are_exact_to_second_order():

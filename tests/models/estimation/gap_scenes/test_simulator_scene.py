@@ -8,12 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from diagnosis.fitting.diagnosis_windows import fit_initial_windows
+from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem
+from diagnosis.fitting.prediction_windows import build_prediction_windows, select_predictable
 from models.core.recording import Recording, ReferenceFrame
 from models.core.typing import FloatArray, IntArray
 from models.estimation.gap_scenes.mechanism_inputs import InputHistory
+from models.estimation.gap_scenes.outside_simulator import Stretch, simulate_motions
 from models.estimation.gap_scenes.simulator_scene import SimulatorScene, build_simulator_scene
 from models.estimation.multiple_shooting.shooting_fit import ShootingOptions, fit_windows
 from models.estimation.multiple_shooting.shooting_windows import fix_parameters
+from models.physics.mechanisms.mechanism_effect import Scale
 
 mujoco = pytest.importorskip("mujoco", reason="mujoco is an extra")
 SWING = """<body pos="{0} 0 0"><joint name="{1}" type="hinge" axis="0 1 0" damping="0.02"/>
@@ -82,6 +87,37 @@ def test_the_motion_of_a_joint_without_a_sensor_is_found_whichever_way_it_swings
     options = ShootingOptions(iterations=25, shot_iterations=10, is_smooth=own.is_smooth)
     fitted = fit_windows(fixed, options=options)
     assert fitted.chi2_per_dof < 1.5
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
+def test_a_spring_beside_a_simulator_moves_a_joint_as_one_in_its_file(integrator: str):
+    """A millisecond later, it braked the joint by a milliradian in half a second, and gravity fitted better."""
+    from pipeline.io.simulators.mujoco_simulator import MujocoSimulator
+
+    body, t = SWING.format(0, "hinge", 0.4), np.arange(101) / 100
+    text = f'<mujoco><option timestep="0.002" integrator="{integrator}"/><worldbody>{body}</worldbody></mujoco>'
+    paths = []
+    for joint, values in (("", {"spring": (np.array([0.4]), np.zeros(1))}), (' stiffness="0.4"', {})):
+        model = mujoco.MjModel.from_xml_string(text.replace(' damping="0.02"', joint))
+        history = InputHistory(t, np.zeros((101, 0)))
+        stretch = Stretch(0, (0.0, 1.0), history, np.array([[0.6, 0.0]]), [values])
+        paths.append(simulate_motions(MujocoSimulator(model), [stretch], (Scale("rad"),))[0].states[0, :, 0])
+    np.testing.assert_allclose(paths[0], paths[1], atol=1e-4)
+
+
+@pytest.mark.parametrize("names", [("shoulder",), ("shoulder", "elbow")])
+def test_a_joint_without_a_sensor_is_predicted_as_far_as_its_start_is_known(names: tuple[str, ...]):
+    """Its start is hardly known from 15 rows of the other joint: what it does later says nothing of a gap."""
+    scene, recording = build_scene(DOUBLE_PENDULUM, names)
+    rng = np.random.default_rng(0)
+    seen = scene.predict_positions(recording, np.array([-0.2, -1.05, 0.7, -9.6]), scene.neutral, ())
+    shot = replace(recording, positions=seen + 1e-3 * rng.standard_normal(seen.shape))
+    problem = build_diagnosis_problem(build_simulator_scene(scene.simulator, (shot,), scene.histories), 0.0)
+    fitted = fit_initial_windows(problem, (shot,))
+    windows = build_prediction_windows(problem, (shot,))
+    chosen = select_predictable(problem, windows, fitted, rng)
+    rows = [sum(int(one.is_predicted.any(axis=1).sum()) for one in some) for some in (windows, chosen)]
+    assert (rows[1] < rows[0] / 2) == (len(names) == 1)
 
 
 def replace_trees(simulator):  # type: ignore[no-untyped-def]

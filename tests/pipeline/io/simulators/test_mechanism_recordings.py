@@ -230,6 +230,20 @@ def test_an_input_without_a_column_is_named_in_a_note(tmp_path: Path, simulator:
     assert "not used: other" in notes
 
 
+@pytest.mark.parametrize(("column", "is_doubted"), [("othr", True), ("other_vel", False), ("load", False)])
+def test_a_column_that_is_nearly_called_like_a_joint_without_one_is_doubted(
+    tmp_path: Path, simulator: str, column: str, is_doubted: bool
+):
+    body = PENDULUM.split("<worldbody>")[1].split("</worldbody>")[0]
+    model = PENDULUM.replace("</worldbody>", body.replace("hinge", "other", 1) + "</worldbody>")
+    (tmp_path / "two.xml").write_text(model)
+    rows = [[*row, 0.3] for row in swing_rows()]
+    shots = read_mechanism_shots(write(tmp_path, f"t,hinge,servo,{column}", rows), str(tmp_path / "two.xml"))
+    doubts = [note for note in shots.notes if "give both the same name" in note]
+    assert len(doubts) == is_doubted
+    assert all("other has no column; if it is othr" in note for note in doubts)
+
+
 def test_a_servo_takes_degrees_where_the_header_states_them(tmp_path: Path, simulator: str):
     rows = [[*row[:2], 90.0] for row in swing_rows()]
     shots = read_mechanism_shots(write(tmp_path, "t,hinge,servo (deg)", rows), simulator)
