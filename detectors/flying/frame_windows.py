@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from models.core.court_camera import CourtCamera
 from models.core.scene import apply_homography
 from models.core.typing import ByteArray, FloatArray
-from video.io.clip import Clip, read_frames
+from video.io.clip import Clip, read_planes
 
 # s from a frame to its neighbours, about: at higher frame rates a slow object would cover its own place.
 NEIGHBOUR_S = 1 / 30
@@ -26,76 +26,102 @@ ALIGNED = (0, 2, 4, 6)
 STILL_PX = 0.1
 
 
+# From px to those of images of half the size.
+TO_HALF = np.array([[0.5, 0, -0.25], [0, 0.5, -0.25], [0, 0, 1]])
+
+
+@dataclass(frozen=True, slots=True)
+class PlaneImage:
+    """An image in working px, by its planes."""
+
+    luma: ByteArray
+    """(H, W)"""
+    chroma: ByteArray
+    """(H/2, W/2, 2) blue and red differences, neutral at 128."""
+
+
 @dataclass(frozen=True, slots=True)
 class FrameWindow:
-    """A frame, its neighbours at steps of about `NEIGHBOUR_S`, and its far neighbours, in working px: reduced luma."""
+    """A frame, its neighbours at steps of about `NEIGHBOUR_S`, and its far neighbours."""
 
     frame: int
     """Index in the file."""
-    images: tuple[ByteArray, ...]
-    """Seven (H, W), in the order of time; at the ends of a view, neighbours of the other side replace missing ones.
+    images: tuple[PlaneImage, ...]
+    """Seven, in the order of time; at the ends of a view, neighbours of the other side replace missing ones.
     The nearest and the far ones show the places of the fourth, the frame itself.
     """
     shifts: FloatArray
     """(7, 3, 3) homographies from px of the frame to those of each image."""
+    is_moving: bool = False
+    """Whether the camera moves, so that the second and the sixth image show other places."""
 
 
 def list_windows(clip: Clip, camera: CourtCamera, scale: float) -> Iterator[FrameWindow]:
     """Read the distinct frames of a clip with their neighbours."""
     rows = _find_neighbours(clip)
-    grey = read_frames(clip, grey=True)
-    images: dict[int, ByteArray] = {}
+    decoded = read_planes(clip)
+    images: dict[int, PlaneImage] = {}
     frames = clip.distinct_frames
     # index before which neither this frame nor a later one needs an image
     oldest = np.minimum.accumulate(rows.min(axis=1)[::-1])[::-1]
     for k, row in enumerate(rows):
         while max(images, default=-1) < row.max():
-            image = reduce_image(next(grey)[1], scale)
+            image = reduce_image(PlaneImage(*next(decoded)[1]), scale)
             images[max(images, default=-1) + 1] = image if camera.motion is None else soften_image(image)
         for old in [i for i in images if i < oldest[k]]:
             del images[old]
         yield align_window(int(frames[k]), [images[i] for i in row], find_shifts(camera, frames[row], scale))
 
 
-def reduce_image(image: ByteArray, scale: float) -> ByteArray:
+def reduce_image(image: PlaneImage, scale: float) -> PlaneImage:
     """Reduce an image to working px."""
-    if scale == 1:
-        return image
-    size = (round(image.shape[1] * scale), round(image.shape[0] * scale))
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+    height, width = image.luma.shape
+    luma = image.luma if scale == 1 else _resize(image.luma, (round(width * scale), round(height * scale)))
+    half = (luma.shape[1] // 2, luma.shape[0] // 2)
+    return PlaneImage(luma, image.chroma if image.chroma.shape[1::-1] == half else _resize(image.chroma, half))
 
 
-def soften_image(image: ByteArray) -> ByteArray:
+def _resize(plane: ByteArray, size: tuple[int, int]) -> ByteArray:
+    return np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def soften_image(image: PlaneImage) -> PlaneImage:
     """Blur an image of a moving camera, so that moving it between pixels hardly blurs it further.
 
     Otherwise thin bright lines would differ from their own interpolated images.
     """
-    return np.asarray(cv2.GaussianBlur(image, (3, 3), 0), np.uint8)
+    luma, chroma = (np.asarray(cv2.GaussianBlur(p, (3, 3), 0), np.uint8) for p in (image.luma, image.chroma))
+    return PlaneImage(luma, chroma)
 
 
-def align_window(frame: int, images: list[ByteArray], shifts: FloatArray) -> FrameWindow:
+def align_window(frame: int, images: list[PlaneImage], shifts: FloatArray) -> FrameWindow:
     """Move the nearest and the far neighbours of a frame onto it.
 
     Args:
         frame: Its index in the file.
-        images: Seven images (H, W) in the order of time.
+        images: Seven, in the order of time.
         shifts: (7, 3, 3) homographies from px of the frame to those of each image.
 
     Returns:
         The window.
     """
-    height, width = images[MIDDLE_IMAGE].shape
+    height, width = images[MIDDLE_IMAGE].luma.shape
     corners = np.array([[0, 0, 1], [width, 0, 1], [width, height, 1], [0, height, 1.0]])
-    shifts, shown = shifts.copy(), list(images)
+    shifts, shown, is_moving = shifts.copy(), list(images), False
     for k in ALIGNED:
         moved = corners @ shifts[k].T
         if np.abs(moved[:, :2] / moved[:, 2:] - corners[:, :2]).max() > STILL_PX:
-            flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-            shown[k] = cv2.warpPerspective(
-                images[k], shifts[k], (width, height), flags=flags, borderMode=cv2.BORDER_REPLICATE
-            )
+            half = TO_HALF @ shifts[k] @ np.linalg.inv(TO_HALF)
+            shown[k] = PlaneImage(_move(images[k].luma, shifts[k]), _move(images[k].chroma, half))
+            is_moving = True
         shifts[k] = np.eye(3)
-    return FrameWindow(frame, tuple(shown), shifts)
+    return FrameWindow(frame, tuple(shown), shifts, is_moving)
+
+
+def _move(plane: ByteArray, shift: FloatArray) -> ByteArray:
+    """Move a plane by a homography to its px; its border is continued."""
+    flags, size = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, (plane.shape[1], plane.shape[0])
+    return np.asarray(cv2.warpPerspective(plane, shift, size, flags=flags, borderMode=cv2.BORDER_REPLICATE), np.uint8)
 
 
 def choose_lags(t: FloatArray) -> tuple[int, int]:

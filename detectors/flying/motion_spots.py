@@ -9,17 +9,22 @@ import numpy as np
 
 from detectors.flying.frame_windows import MIDDLE_IMAGE, FrameWindow
 from detectors.flying.object_size import is_inside
-from models.core.typing import ByteArray, FloatArray, IntArray
+from models.core.typing import BoolArray, ByteArray, FloatArray, IntArray
 
-# Side, working px, of the square over which a spot is averaged, an object of the radius of `LARGEST_RADIUS_PX`; and
-# the number of such squares across its surroundings, a player's limb.
-SPOT_PX, SURROUNDINGS = 5, 5
-# Grey levels of change that 8-bit images contain anyway.
+# Change is mapped in cells of 2 px, in which video stores colour.
+CELL_PX = 2
+# Side, cells, of the square over which a spot is averaged, an object of the radius of `LARGEST_RADIUS_PX`; and the
+# number of such squares across its surroundings, a player's limb.
+SPOT_CELLS, SURROUNDINGS = 3, 5
+# Levels of change that 8-bit images contain anyway.
 ROUNDING = 2.0
-# Least distinctness of a spot. A lone px has 1, pure noise 0.6 and its peaks 1.1.
+# Least distinctness of a spot. A lone cell has 1.7, pure noise 0.8 to 0.9, and its peaks 1.1.
 LEAST_DISTINCTNESS = 1.0
-# Side, working px, of the square in which a spot is the strongest.
-SEPARATION_PX = 9
+# Side, cells, of the square in which a spot is the strongest.
+SEPARATION_CELLS = 5
+# Share of its change against the moved far neighbours below which what changes less against the picture of others, as
+# it was before it was moved, is a caption: it is nearer to standing in the picture than to standing in the scene.
+CAPTION_SHARE = 0.5
 # Spots of either map that are judged: the object is among them where it can be told from noise.
 SPOTS_PER_MAP = 30
 
@@ -29,10 +34,10 @@ class Spots:
     """K spots of a frame, the most distinct first."""
 
     place: IntArray
-    """(K, 2) x and y, working px."""
+    """(K, 2) x and y, working px, in the middle of cells."""
     distinctness: FloatArray
-    """(K,) the change at the spot over that of its surroundings: for a lone object the square root of its area, up to
-    the side of the square.
+    """(K,) the change at the spot over that of its surroundings: for a lone object it grows with the square root of its
+    area, up to that of the square.
     """
 
 
@@ -44,35 +49,63 @@ def find_window_spots(window: FrameWindow, outline: FloatArray | None) -> IntArr
     """
     near, far = (find_spots(map_lone_change(window, step)).place for step in (1, 3))
     near, far = (place[is_inside(outline, place.astype(np.float64))] for place in (near, far))
+    if window.is_moving:
+        near, far = (place[~_is_caption(window, place)] for place in (near, far))
     near, far = near[:SPOTS_PER_MAP], far[:SPOTS_PER_MAP]
-    is_new = np.abs(far[:, None] - near).max(axis=2).min(axis=1, initial=SEPARATION_PX) > SEPARATION_PX // 2
+    reach = CELL_PX * SEPARATION_CELLS
+    is_new = np.abs(far[:, None] - near).max(axis=2).min(axis=1, initial=reach) > reach // 2
     return np.concatenate([near, far[is_new]])
 
 
+def _is_caption(window: FrameWindow, place: IntArray) -> BoolArray:
+    """Tell which spots (K, 2) stand in the picture, which the camera moves over the scene."""
+    steps = np.arange(CELL_PX * SPOT_CELLS) - CELL_PX * SPOT_CELLS // 2
+    height, width = window.images[MIDDLE_IMAGE].luma.shape
+    rows = np.clip(place[:, 1, None] + steps, 0, height - 1)[:, :, None]
+    columns = np.clip(place[:, 0, None] + steps, 0, width - 1)[:, None, :]
+    square = [image.luma[rows, columns].astype(np.float64) for image in window.images]
+    change = np.array([np.abs(one - square[MIDDLE_IMAGE]).mean(axis=(1, 2)) for one in square])
+    return np.asarray(change[[1, 5]].max(axis=0) < CAPTION_SHARE * change[[0, 6]].min(axis=0))
+
+
 def map_lone_change(window: FrameWindow, step: int = 1) -> ByteArray:
-    """Map the grey levels (H, W) by which a frame is brighter or darker than both images so many places beside it."""
+    """Map by how many levels (H/2, W/2) a frame differs from both images so many places beside it, to the same side.
+
+    Levels of luma and chroma are added: a ball may be as bright as the court, and a shuttle of its colour.
+    """
     image, before, after = (window.images[MIDDLE_IMAGE + k] for k in (0, -step, step))
-    brighter = cv2.subtract(image, cv2.max(before, after))
-    return np.asarray(cv2.add(brighter, cv2.subtract(cv2.min(before, after), image)), np.uint8)
+    luma = _map_excess(image.luma, before.luma, after.luma)
+    # The largest of a cell: a ball of 3 px covers most of its cells in part.
+    largest = cv2.dilate(luma, np.ones((CELL_PX, CELL_PX), np.uint8), anchor=(0, 0))
+    chroma = cv2.transform(_map_excess(image.chroma, before.chroma, after.chroma), np.ones((1, 2)))
+    size = (chroma.shape[1], chroma.shape[0])
+    return np.asarray(cv2.add(cv2.resize(largest, size, interpolation=cv2.INTER_NEAREST), chroma), np.uint8)
+
+
+def _map_excess(plane: ByteArray, before: ByteArray, after: ByteArray) -> ByteArray:
+    """Map by how much a plane is above or below both others."""
+    above = cv2.subtract(plane, cv2.max(before, after))
+    return np.asarray(cv2.add(above, cv2.subtract(cv2.min(before, after), plane)), np.uint8)
 
 
 def find_spots(change: ByteArray) -> Spots:
-    """Find the spots of a map (H, W) of `map_lone_change`."""
-    total = cv2.boxFilter(change, cv2.CV_16U, (SPOT_PX, SPOT_PX), normalize=False, borderType=cv2.BORDER_CONSTANT)
-    highest = cv2.dilate(total, np.ones((SEPARATION_PX, SEPARATION_PX), np.uint8))
-    # Less than one grey level on average cannot exceed the rounding.
-    is_peak = cv2.bitwise_and(cv2.compare(total, highest, cv2.CMP_EQ), cv2.compare(total, SPOT_PX**2, cv2.CMP_GT))
+    """Find the spots of a map (H/2, W/2) of `map_lone_change`."""
+    square = (SPOT_CELLS, SPOT_CELLS)
+    total = cv2.boxFilter(change, cv2.CV_16U, square, normalize=False, borderType=cv2.BORDER_CONSTANT)
+    highest = cv2.dilate(total, np.ones((SEPARATION_CELLS, SEPARATION_CELLS), np.uint8))
+    # Less than one level on average cannot exceed the rounding.
+    is_peak = cv2.bitwise_and(cv2.compare(total, highest, cv2.CMP_EQ), cv2.compare(total, SPOT_CELLS**2, cv2.CMP_GT))
     peaks = cv2.findNonZero(is_peak)
     if peaks is None:
         return Spots(np.empty((0, 2), np.int64), np.empty(0))
     x, y = peaks.reshape(-1, 2).T
-    # Squares as cells: an average over all px of the surroundings takes eight times as long.
+    # Over whole squares: an average over all cells of the surroundings takes longer.
     squares = cv2.multiply(change, change, dtype=cv2.CV_16U)
-    size = (-(-change.shape[1] // SPOT_PX), -(-change.shape[0] // SPOT_PX))
+    size = (-(-change.shape[1] // SPOT_CELLS), -(-change.shape[0] // SPOT_CELLS))
     power = cv2.blur(
         cv2.resize(squares, size, interpolation=cv2.INTER_AREA).astype(np.float32), (SURROUNDINGS, SURROUNDINGS)
     )
-    distinctness = total[y, x] / SPOT_PX**2 / np.sqrt(power[y // SPOT_PX, x // SPOT_PX] + ROUNDING**2)
+    distinctness = total[y, x] / SPOT_CELLS**2 / np.sqrt(power[y // SPOT_CELLS, x // SPOT_CELLS] + ROUNDING**2)
     order = np.argsort(-distinctness, kind="stable")
     order = order[distinctness[order] > LEAST_DISTINCTNESS]
-    return Spots(np.column_stack([x, y])[order].astype(np.int64), distinctness[order])
+    return Spots(CELL_PX * np.column_stack([x, y])[order].astype(np.int64), distinctness[order])

@@ -38,7 +38,7 @@ class PeopleFinder:
 
     def add_window(self, window: FrameWindow) -> None:
         """Note where a frame moves: the share of each cell that changes."""
-        change = cv2.absdiff(window.images[MIDDLE_IMAGE], window.images[MIDDLE_IMAGE - 1])
+        change = cv2.absdiff(window.images[MIDDLE_IMAGE].luma, window.images[MIDDLE_IMAGE - 1].luma)
         _, is_moving = cv2.threshold(change, MOTION_LEVEL, 255, cv2.THRESH_BINARY)
         size = (change.shape[1] // CELL_PX, change.shape[0] // CELL_PX)
         self.frames.append(window.frame)

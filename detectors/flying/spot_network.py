@@ -13,7 +13,7 @@ from detectors.flying.spot_patches import cut_patches
 from models.core.typing import ByteArray, FloatArray, IntArray
 from video.io.onnx_session import onnxruntime, open_measurement_session
 
-SCHEMA = "trueroll-flying-2"
+SCHEMA = "trueroll-flying-3"
 SHIPPED_SPOT_NETWORK = Path(__file__).parent / "weights" / "flying.onnx"
 # Names of the network's input and output, and the columns of the latter. The streak is given by its length times the
 # cosine and sine of twice its angle, which has no sign to be wrong.
@@ -36,7 +36,7 @@ class SpotJudgement:
 
 
 def judge_patches(session: onnxruntime.InferenceSession, patches: ByteArray, place: IntArray) -> SpotJudgement:
-    """Judge patches (K, 10, 32, 32) about spots (K, 2)."""
+    """Judge patches (K, 16, 32, 32) about spots (K, 2)."""
     if not len(place):
         return SpotJudgement(np.empty(0), np.empty((0, 2)), np.empty((0, 2)), np.empty((0, 2)))
     outputs = np.asarray(session.run([OUTPUT_NAME], {INPUT_NAME: patches})[0], np.float64)

@@ -9,8 +9,10 @@ from detectors.flying.frame_windows import MIDDLE_IMAGE, FrameWindow
 from models.core.scene import apply_homography
 from models.core.typing import ByteArray, FloatArray, IntArray
 
-# Side of a patch, px, and its layers: seven frames, and three of them reduced to half.
-PATCH_PX, LAYERS = 32, 10
+# Side of a patch, px; its layers of luma: seven frames, and three of them reduced to half; all, with the chroma of
+# these three; and those of the frame's own luma and chroma.
+PATCH_PX, LUMA_LAYERS, LAYERS = 32, 10, 16
+FRAME_LUMA, FRAME_CHROMA = slice(3, 4), slice(12, 14)
 # px of a patch before its spot.
 MIDDLE = PATCH_PX // 2
 
@@ -23,14 +25,18 @@ def cut_patches(window: FrameWindow, place: IntArray) -> ByteArray:
         place: (K, 2) x and y, working px.
 
     Returns:
-        (K, 10, 32, 32): the seven images in px, then the frame and its nearest neighbours in steps of two px, in the
-        order of time; the spot is at (16, 16), and at the px of (16, 16) of the reduced ones.
+        (K, 16, 32, 32): the luma of the seven images in px, then the luma and after it the chroma of the frame and its
+        nearest neighbours in steps of two px, in the order of time; the spot is at (16, 16), and at the px of (16, 16)
+        of the reduced ones.
     """
-    layers = [_gather(image, _follow(shift, place)) for image, shift in zip(window.images, window.shifts, strict=True)]
-    for image in window.images[MIDDLE_IMAGE - 1 : MIDDLE_IMAGE + 2]:
-        half = cv2.resize(image, (image.shape[1] // 2, image.shape[0] // 2), interpolation=cv2.INTER_AREA)
+    pairs = zip(window.images, window.shifts, strict=True)
+    layers = [_gather(image.luma, _follow(shift, place)) for image, shift in pairs]
+    near = window.images[MIDDLE_IMAGE - 1 : MIDDLE_IMAGE + 2]
+    for image in near:
+        half = cv2.resize(image.luma, image.chroma.shape[1::-1], interpolation=cv2.INTER_AREA)
         layers.append(_gather(np.asarray(half, np.uint8), place // 2))
-    return np.stack(layers, axis=1)
+    colours = [np.moveaxis(_gather(image.chroma, place // 2), 3, 1) for image in near]
+    return np.concatenate([np.stack(layers, axis=1), *colours], axis=1)
 
 
 def _follow(shift: FloatArray, place: IntArray) -> IntArray:
@@ -41,7 +47,7 @@ def _follow(shift: FloatArray, place: IntArray) -> IntArray:
 
 
 def _gather(image: ByteArray, place: IntArray) -> ByteArray:
-    """Cut squares (K, 32, 32) about places; the border of the image is continued."""
+    """Cut squares (K, 32, 32[, 2]) about places; the border of the image is continued."""
     steps = np.arange(PATCH_PX) - MIDDLE
     rows = np.clip(place[:, 1, None] + steps, 0, image.shape[0] - 1)
     columns = np.clip(place[:, 0, None] + steps, 0, image.shape[1] - 1)

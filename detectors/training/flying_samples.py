@@ -12,6 +12,7 @@ import numpy as np
 
 from detectors.flying.frame_windows import (
     FrameWindow,
+    PlaneImage,
     align_window,
     choose_lags,
     find_shifts,
@@ -48,7 +49,7 @@ class FlyingShard:
     """N spots."""
 
     patches: ByteArray
-    """(N, 10, 32, 32) as in `cut_patches`."""
+    """(N, 16, 32, 32) as in `cut_patches`."""
     truth: Float32Array
     """(N, 5) whether it is the object, its place from the spot, and its streak, px."""
 
@@ -88,7 +89,10 @@ def read_flying_file(path: Path) -> FlyingShard:
 def cut_film_samples(rng: np.random.Generator, film: FlyingFilm) -> FlyingShard:
     """Cut spots of the frames of a random film."""
     is_still = np.array_equal(film.shifts[0], film.shifts[-1])
-    images = [image if is_still else soften_image(image) for image in film.luma]
+    neutral = np.full((film.luma.shape[1] // 2, film.luma.shape[2] // 2, 2), 128, np.uint8)
+    images = [PlaneImage(luma, neutral) for luma in film.luma]
+    if not is_still:
+        images = [soften_image(image) for image in images]
     shards = []
     for k in range(2, len(images) - 2):
         around = neighbours_of(k, 0, len(images), FILM_LAGS)
@@ -124,6 +128,13 @@ def cut_samples(
     which = np.argmin(off, axis=0)
     rows = np.column_stack([is_own, centre[which] - place, streak[which]])
     return FlyingShard(cut_patches(window, place[chosen]), rows[chosen].astype(np.float32))
+
+
+def split_planes(frame: ByteArray) -> PlaneImage:
+    """Split an image (H, W, 3), sRGB, of even sides into its planes."""
+    height, width = frame.shape[:2]
+    planes = np.asarray(cv2.cvtColor(frame, cv2.COLOR_RGB2YUV_I420), np.uint8)
+    return PlaneImage(planes[:height], np.moveaxis(planes[height:].reshape(2, height // 2, width // 2), 0, 2).copy())
 
 
 def join_shards(shards: list[FlyingShard]) -> FlyingShard:
@@ -167,17 +178,19 @@ def prepare_rally_file(folder: Path, number: int, is_held_out: bool = False) -> 
 
 
 def cut_rally_samples(clip: RallyClip, rng: np.random.Generator | None) -> FlyingShard:
-    """Cut the clear spots of the frames of a rendered clip whose neighbours it shows, as `cut_samples` does."""
+    """Cut the clear spots of the frames of a rendered clip, as `cut_samples` does."""
     truth = clip.truth
     camera, scene = truth.camera, CourtScene(truth.rally.sport, truth.camera, 0.0)
     scale = choose_scale(scene)
-    images = [reduce_image(np.asarray(cv2.cvtColor(f, cv2.COLOR_RGB2GRAY), np.uint8), scale) for f in clip.frames]
+    images = [reduce_image(split_planes(frame), scale) for frame in clip.frames]
     if camera.motion is not None:
         images = [soften_image(image) for image in images]
     own = np.column_stack([truth.px, truth.streak, truth.shown, truth.contrast])
     objects = np.concatenate([own[:, None], truth.others.reshape(len(own), -1, 6)], axis=1)
     (lag, far), shards = choose_lags(truth.t), []
-    for k in range(far, len(images) - far, lag):
+    # Training takes the ends as well, whose far neighbours are of one side: two thirds more samples of a clip.
+    end = far if rng is None else 0
+    for k in range(end, len(images) - end, lag):
         around = neighbours_of(k, 0, len(images), (lag, far))
         window = align_window(k, [images[i] for i in around], find_shifts(camera, around, scale))
         place = find_window_spots(window, outline_of_play(scene, scale, k))

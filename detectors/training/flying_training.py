@@ -12,9 +12,8 @@ import torch
 from scipy.optimize import minimize
 from torch import Tensor, nn
 
-from detectors.flying.frame_windows import MIDDLE_IMAGE
 from detectors.flying.spot_network import COLUMNS, INPUT_NAME, OUTPUT_NAME, SCHEMA, streak_from_double_angle
-from detectors.flying.spot_patches import LAYERS, PATCH_PX
+from detectors.flying.spot_patches import FRAME_CHROMA, FRAME_LUMA, LAYERS, LUMA_LAYERS, PATCH_PX
 from detectors.training.ball_evaluation import round_figures
 from detectors.training.flying_samples import (
     FlyingShard,
@@ -33,8 +32,9 @@ WIDTHS, HIDDEN_UNITS = (16, 24, 32, 32, 48), 48
 SHARDS_IN_MEMORY = 8
 # Share of the samples of a step that are the object.
 OBJECT_SHARE = 0.35
-# Grey levels that are added to the contrast of a patch, so that noise is not taken for contrast.
-LEAST_CONTRAST = 6.0
+# Levels that are added to the contrast of luma and of chroma in a patch, so that noise is not taken for contrast:
+# chroma contains a third as much of it.
+LEAST_CONTRAST, LEAST_COLOUR = 6.0, 2.0
 # Least and largest logarithm of a sigma, px: coding and sharpening move real edges by a quarter of a px, whatever films
 # say; and the error, in sigmas, beyond which it counts as an outlier.
 LOG_SIGMA = (-1.4, 2.5)
@@ -46,7 +46,7 @@ CALIBRATION_FILE, FIGURES_FILE = 0, 1
 
 
 class FlyingNetwork(nn.Module):
-    """Patches (B, 10, 32, 32) of grey levels to (B, 7): logit, place, streak and log sigmas, see `COLUMNS`."""
+    """Patches (B, 16, 32, 32) of levels to (B, 7): logit, place, streak and log sigmas, see `COLUMNS`."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -71,10 +71,16 @@ class FlyingNetwork(nn.Module):
 
 
 def take_contrast(patches: Tensor) -> Tensor:
-    """Take the mean level of the frame and the spread about it out of patches (B, 10, 32, 32)."""
-    level = patches[:, MIDDLE_IMAGE : MIDDLE_IMAGE + 1].mean(dim=(2, 3), keepdim=True)
-    spread = ((patches - level) ** 2).mean(dim=(1, 2, 3), keepdim=True).sqrt()
-    return (patches - level) / (spread + LEAST_CONTRAST)
+    """Take the mean levels of the frame and the spreads about them out of patches (B, 16, 32, 32)."""
+    near = (LAYERS - LUMA_LAYERS) // 2
+    luma = patches[:, :LUMA_LAYERS] - patches[:, FRAME_LUMA].mean(dim=(2, 3), keepdim=True)
+    colour = patches[:, FRAME_CHROMA].mean(dim=(2, 3), keepdim=True)
+    chroma = patches[:, LUMA_LAYERS:] - torch.cat([colour] * near, dim=1)
+    scaled = [
+        part / ((part**2).mean(dim=(1, 2, 3), keepdim=True).sqrt() + least)
+        for part, least in ((luma, LEAST_CONTRAST), (chroma, LEAST_COLOUR))
+    ]
+    return torch.cat(scaled, dim=1)
 
 
 class ExportedFlyingNetwork(nn.Module):
@@ -85,7 +91,7 @@ class ExportedFlyingNetwork(nn.Module):
         self.network, self.calibration = network.eval(), calibration
 
     def forward(self, patches: Tensor) -> Tensor:
-        """Map bytes (B, 10, 32, 32) to (B, 7)."""
+        """Map bytes (B, 16, 32, 32) to (B, 7)."""
         outputs = self.network(patches.to(torch.float32))
         score = torch.sigmoid(self.calibration.slope * outputs[:, :1] + self.calibration.offset)
         sigma = outputs[:, 5:].clamp(*LOG_SIGMA) + float(np.log(self.calibration.sigma_factor))
@@ -146,12 +152,13 @@ def vary_samples(
     patches[chosen] = patches[chosen].swapaxes(2, 3)
     truth[chosen] = truth[chosen][:, [0, 2, 1, 4, 3]]
     chosen = rng.random(len(patches)) < 0.5
-    patches[chosen] = patches[chosen][:, [6, 5, 4, 3, 2, 1, 0, 9, 8, 7]]
+    patches[chosen] = patches[chosen][:, [6, 5, 4, 3, 2, 1, 0, 9, 8, 7, 14, 15, 12, 13, 10, 11]]
     each = (len(patches), 1, 1, 1)
     gain = np.exp(rng.normal(0, 0.3, each)).astype(np.float32)
     # Windows of one draw of noise: a draw for every sample takes as long as the network.
     grain = np.lib.stride_tricks.sliding_window_view(rng.standard_normal(2**17, np.float32), patches[0].size)
-    noise = grain[rng.integers(0, len(grain), len(patches))].reshape(patches.shape)
+    noise = grain[rng.integers(0, len(grain), len(patches))].reshape(patches.shape).copy()
+    noise[:, LUMA_LAYERS:] *= LEAST_COLOUR / LEAST_CONTRAST
     return patches.astype(np.float32) * gain + rng.exponential(1.0, each).astype(np.float32) * noise, truth
 
 
@@ -259,7 +266,8 @@ def train_flying_detector(work: Path, options: TrainOptions, out: Path, watch: S
     figures = evaluate(network, calibration, held_out[1])
     recipe: dict[str, object] = asdict(options) | {"start": None, "steps_done": read_step_count(work / CHECKPOINT)}
     contract = {
-        "schema": SCHEMA, "columns": ",".join(COLUMNS), "input": f"bytes (B, {LAYERS}, {PATCH_PX}, {PATCH_PX}) of luma",
+        "schema": SCHEMA, "columns": ",".join(COLUMNS),
+        "input": f"bytes (B, {LAYERS}, {PATCH_PX}, {PATCH_PX}) of luma and chroma",
         "pictures": json.dumps("drawn by flying_scenes.py and rendered by rally_clips.py; no real frame"),
     }  # fmt: skip
     facts: dict[str, object] = {"calibration": asdict(calibration), "held_out": figures, "recipe": recipe}

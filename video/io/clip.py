@@ -6,11 +6,11 @@ size or rate, here.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,8 @@ from video.io.frame_memory import FrameMemory
 from video.io.refused_files import require_readable_file
 from video.io.timestamps import compute_presentation_times, even_times, find_camera_clock
 from video.io.view_changes import ViewMeter
+
+Image = TypeVar("Image")
 
 # Fewest distinct frames of a clip; fewer do not show a motion that can be tracked.
 MIN_DISTINCT_FRAMES = 5
@@ -278,15 +280,28 @@ def read_frames(
     if np.any((chosen < first) | (chosen >= stop)):
         raise ValueError(f"{clip.path.name} has frames {first} to {stop - 1}; got {chosen.min()} to {chosen.max()}")
     wanted[chosen - first] = True
-    return _decode_wanted_frames(clip, wanted, grey)
+    return _decode_wanted_frames(clip, wanted, FrameLayout.extract_luma if grey else FrameLayout.extract_rgb)
 
 
-def _decode_wanted_frames(clip: Clip, wanted: NDArray[np.bool_], grey: bool) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+def read_planes(clip: Clip) -> Iterator[tuple[int, tuple[NDArray[np.uint8], NDArray[np.uint8]]]]:
+    """Decode the distinct frames of a clip to luma and chroma, which costs no colour conversion.
+
+    Returns:
+        Iterator over (index, (luma (H, W), chroma (H/2, W/2, 2))), upright; chroma is neutral at 128.
+    """
+    wanted = np.zeros(clip.frame_count, np.bool_)
+    wanted[clip.distinct_frames - clip.first_frame] = True
+    return _decode_wanted_frames(clip, wanted, lambda layout, f: (layout.extract_luma(f), layout.extract_chroma(f)))
+
+
+def _decode_wanted_frames(
+    clip: Clip, wanted: NDArray[np.bool_], extract: Callable[[FrameLayout, Any], Image]
+) -> Iterator[tuple[int, Image]]:
     layout: FrameLayout | None = None
     for index, frame in enumerate(_iterate_frames(clip, int(np.max(np.flatnonzero(wanted), initial=-1)))):
         layout = read_layout(frame, clip.pixel_aspect) if layout is None else layout
         if wanted[index]:
-            yield clip.first_frame + index, layout.extract_luma(frame) if grey else layout.extract_rgb(frame)
+            yield clip.first_frame + index, extract(layout, frame)
 
 
 def _iterate_frames(clip: Clip, last: int) -> Iterator[Any]:

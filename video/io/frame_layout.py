@@ -87,6 +87,10 @@ class FrameLayout:
         """Convert a frame to its upright luma (H, W), with the transfer curve of the video."""
         return self.orientation.rotate_upright(stretch_to_square_pixels(extract_stored_luma(frame), self.aspect))
 
+    def extract_chroma(self, frame: Any) -> NDArray[np.uint8]:
+        """Convert a frame to its upright blue and red differences (H/2, W/2, 2), neutral at 128."""
+        return self.orientation.rotate_upright(stretch_to_square_pixels(extract_stored_chroma(frame), self.aspect))
+
     def _square_size(self, frame: Any) -> tuple[int, int]:
         """Return width and height of a frame with square pixels, px, not yet upright."""
         return compute_square_size(frame.width, frame.height, self.aspect)
@@ -149,6 +153,14 @@ def extract_stored_luma(frame: Any) -> NDArray[np.uint8]:
         return rows.copy()
     wide = np.frombuffer(plane, "<u2").reshape(-1, plane.line_size // 2)[: frame.height, : frame.width]
     return (wide >> (depth - 8)).astype(np.uint8)
+
+
+def extract_stored_chroma(frame: Any) -> NDArray[np.uint8]:
+    """Copy the chroma planes (H/2, W/2, 2) in 8 bits; layouts that store others are converted."""
+    if frame.format.name not in ("yuv420p", "yuvj420p"):
+        frame = VideoReformatter().reformat(frame, frame.width, frame.height, format="yuv420p", threads=1)
+    rows = [np.frombuffer(p, np.uint8).reshape(-1, p.line_size)[: p.height, : p.width] for p in frame.planes[1:3]]
+    return np.stack(rows, axis=-1)
 
 
 def _luma_depth(pixel_format: Any) -> int | None:

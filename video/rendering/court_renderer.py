@@ -93,7 +93,7 @@ class CourtRenderer:
     Args:
         camera: with the motion of all frames, where it moves.
         t: (T,) s, times of the rally at the middles of the exposures.
-        others: rallies of which only the objects are drawn, without their shadows.
+        others: rallies of which only the objects and their shadows are drawn.
     """
 
     def __init__(
@@ -128,7 +128,8 @@ class CourtRenderer:
         players = [self._draw_player(projection, i, k) for i in range(len(self._rally.feet))]
         for _, shadow in players:
             _blend(image, shadow)
-        self._cast_object_shadow(image, k)
+        for path in self._paths:
+            self._cast_object_shadow(image, path, k)
         objects = [self._draw_object(path, k) for path in self._paths]
         sprites = {id(sprite): row for row, (_, sprite) in enumerate(objects) if sprite is not None}
         drawn = [sprite for _, sprite in objects if sprite is not None]
@@ -244,10 +245,10 @@ class CourtRenderer:
         rgba = cv2.GaussianBlur(window.astype(np.float32) * self._look.shadow, (0, 0), soft)
         return _Layer(rgba, int(low[0]), int(low[1]), 0.0)
 
-    def _cast_object_shadow(self, image: ByteArray, k: int) -> None:
-        """Darken the surface below the object, in place."""
-        sport, light = self._rally.sport, self._look.light
-        place = self._rally.place_at(self.t[k : k + 1])[0][0]
+    def _cast_object_shadow(self, image: ByteArray, rally: RallyPath, k: int) -> None:
+        """Darken the surface below the object of a rally, in place."""
+        sport, light = rally.sport, self._look.light
+        place = rally.place_at(self.t[k : k + 1])[0][0]
         level = 0.0 if 0 <= place[0] <= sport.length and 0 <= place[1] <= sport.width else sport.floor
         height = place[2] - level
         # lamps of a finite size leave no shadow of a ball that is high

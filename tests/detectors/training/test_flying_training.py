@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from detectors.flying.frame_windows import MIDDLE_IMAGE
-from detectors.flying.spot_patches import LAYERS, MIDDLE, PATCH_PX
-from detectors.training.flying_samples import LARGEST_OFF_PX, cut_film_samples, judge_spots
+from detectors.flying.spot_patches import LAYERS, LUMA_LAYERS, MIDDLE, PATCH_PX
+from detectors.training.flying_samples import LARGEST_OFF_PX, cut_film_samples, judge_spots, split_planes
 from detectors.training.flying_scenes import FRAMES, OBJECTS, draw_film
 from detectors.training.flying_training import FlyingNetwork, flying_loss, vary_samples
 
@@ -48,6 +48,29 @@ def test_varied_samples_keep_the_truth() -> None:
         axis = np.linalg.eigh(spread)[1][:, 1]
         assert abs(axis @ true[3:]) > 0.97 * np.linalg.norm(true[3:])
     assert len(np.unique(truths[:, 1:], axis=0)) > 4
+
+
+def test_samples_that_are_reversed_in_time_keep_colours_apart() -> None:
+    patches = np.full((64, LAYERS, PATCH_PX, PATCH_PX), 100, np.uint8)
+    # Blue differences rise with time, and red ones are lower.
+    patches[:, LUMA_LAYERS:] = np.array([120, 60, 140, 60, 160, 60])[:, None, None]
+    varied, _ = vary_samples(np.random.default_rng(0), patches, np.zeros((64, 5), np.float32))
+    level = varied[:, LUMA_LAYERS:].mean(axis=(2, 3)).reshape(64, 3, 2)
+    assert np.all(level[:, :, 0] > 1.5 * level[:, :, 1])
+    rising = level[:, 2, 0] > level[:, 0, 0]
+    assert 10 < rising.sum() < 54
+    assert np.all(np.abs(level[:, 1, 0] / level[:, :, 0].mean(axis=1) - 1) < 0.05)
+
+
+def test_planes_of_a_frame_keep_brightness_and_colour_apart() -> None:
+    frame = np.full((8, 12, 3), 90, np.uint8)
+    frame[:4, :6] = [30, 60, 220]
+    planes = split_planes(frame)
+    assert planes.luma.shape == (8, 12)
+    assert planes.chroma.shape == (4, 6, 2)
+    assert planes.chroma[0, 0, 0] > 180
+    assert planes.chroma[0, 0, 1] < 120
+    assert np.abs(planes.chroma[3, 5].astype(int) - 128).max() <= 1
 
 
 def test_a_spot_beside_the_object_is_neither() -> None:

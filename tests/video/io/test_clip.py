@@ -16,7 +16,7 @@ import pytest
 
 from models.core.errors import ClipError
 from models.core.typing import ImageArray
-from video.io.clip import Clip, open_clip, read_frames
+from video.io.clip import Clip, open_clip, read_frames, read_planes
 from video.io.timestamps import compute_presentation_times, nominal_fps
 
 
@@ -171,6 +171,9 @@ def test_the_display_matrix_rotates_frames_upright(
     assert rgb[row, column].min() > 200
     assert grey[row, column] > 200
     assert np.count_nonzero(grey > 150) < 0.1 * grey.size
+    _, (luma, chroma) = next(read_planes(clip))
+    assert np.array_equal(luma, grey)
+    assert chroma.shape == (clip.height // 2, clip.width // 2, 2)
 
 
 @pytest.mark.parametrize(
@@ -192,6 +195,18 @@ def test_any_pixel_format_is_read_alike(tmp_path: Path, suffix: str, codec: str,
     greys = [int(np.median(grey)) for _, grey in read_frames(clip, grey=True)]
     assert np.all(np.diff(greys) > 2)
     assert 15 <= greys[0] <= 40
+    neutral = [chroma for _, (_, chroma) in read_planes(clip)]
+    assert all(np.abs(chroma.astype(int) - 128).max() <= 2 for chroma in neutral)
+
+
+@pytest.mark.parametrize("pix_fmt", ["yuv420p", "yuv444p", "yuv420p10le"])
+def test_planes_show_colour_on_its_own_side_of_neutral(tmp_path: Path, pix_fmt: str) -> None:
+    images = [np.array([[[20 + 5 * k, 60, 200]]], np.uint8).repeat(64, 0).repeat(96, 1) for k in range(8)]
+    clip = open_clip(write_video(tmp_path / "a.mkv", images, pix_fmt=pix_fmt))
+    for _, (_, chroma) in read_planes(clip):
+        assert chroma.shape == (32, 48, 2)
+        assert chroma[..., 0].min() > 180
+        assert chroma[..., 1].max() < 120
 
 
 def test_odd_sizes_are_used_as_stored(tmp_path: Path) -> None:
