@@ -242,9 +242,7 @@ def combine_explanations(explanations: RallyExplanations, share: float = EVIDENC
     landings, nothing = merge_landings(pairs)
     last_player = _find_last_player(events)
     events = _follow_rules(best, events)
-    hits = [event.t for event in events if event.kind == "hit"]
-    # the last hit decides in which half a landing is good, however doubtful it is
-    events = [event for event in events if event.probability >= _LEAST_EVENT or event.t == max(hits, default=None)]
+    events = [event for event in events if event.probability >= _LEAST_EVENT]
     return replace(best, events=tuple(events), landings=landings, no_landing=nothing, last_player=last_player)
 
 

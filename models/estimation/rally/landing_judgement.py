@@ -128,7 +128,8 @@ def judge_landing(rally: Rally, area: str | None = None) -> LandingCall:
     if name not in sport.areas:
         raise ValueError(f"{sport.name} has the areas {', '.join(sport.areas)}; got {name!r}")
     landings = sorted(rally.landings, key=lambda one: -one.weight)
-    best = landings[0] if landings and rally.no_landing <= INDIFFERENT else None  # else it is no answer
+    # a landing that is less probable than none is not stated
+    best = landings[0] if landings and rally.no_landing <= INDIFFERENT else None
     targets = _weigh_targets(rally, name, best)
     inside = sum(
         one.weight * share * sum(_integrate_over(rectangle, one, sport) for rectangle in rectangles)
@@ -330,11 +331,14 @@ def _name_edge(axis: int, at: float, sport: Sport, along: float) -> str:
 
 
 def _name_half(sport: Sport, targets: list[tuple[tuple[Rectangle, ...], float]]) -> str:
-    """Name the half of the court in which all targets lie; empty where they lie in both."""
-    halves = {(one[0] + one[2]) / 2 > sport.length / 2 for rectangles, _ in targets for one in rectangles}
-    if len(halves) != 1:
-        return ""
-    return sport.halves[halves.pop()]
+    """Name the half of the court in which the targets lie that are not ruled out; empty where they lie in both."""
+    halves = {
+        (one[0] + one[2]) / 2 > sport.length / 2
+        for rectangles, share in targets
+        for one in rectangles
+        if share > 1 - SURE_PROBABILITY
+    }
+    return sport.halves[halves.pop()] if len(halves) == 1 else ""
 
 
 def _find_speed(rally: Rally, landing: LandingHypothesis | None) -> tuple[float, float]:

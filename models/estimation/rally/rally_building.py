@@ -30,6 +30,9 @@ _LOW_HEIGHT = 0.1
 _CHANCE = 0.05
 # Places from which the looks of a flight are judged: a hit blurs two or three.
 _JUDGED_PLACES = 4
+# Places from which the flight before the first bounce of a clip is known: four numbers fix the place and the way of a
+# flight in the image, and one more confirms it.
+_LEAST_BEFORE_BOUNCE = 5
 # s before a flight in which the object may last have been seen, in a hand.
 _HAND_GAP = 0.4
 # Share of the length of the court that the first stroke of a rally drives the object at least: less is a toss.
@@ -143,10 +146,7 @@ def build_rally(
         if not structure.joined[k] and turns:
             event = _build_first_hit(scene, flights[-1], rally, interval)
             events += [replace(event, probability=event.probability * chances[k])] if event is not None else []
-    first = int(np.searchsorted(sight.observed.t, flights[0].end) - np.searchsorted(sight.observed.t, flights[0].start))
-    if first <= _JUDGED_PLACES and events and events[0].kind == "bounce":
-        events = events[1:]  # what came before is not known: a hand may have thrown it up
-    events = _drop_tosses(flights, events, sport)
+    events = _drop_tosses(flights, _drop_unknown_bounce(events, sight, fit), sport)
     last_seen = float(sight.observed.t[np.searchsorted(sight.observed.t, flights[-1].end + 1e-9) - 1])
     landing = _finish(flights, events, sport, last_seen, interval, float(t[-1]))
     if landing is not None:
@@ -267,6 +267,15 @@ def build_hit(flight: Flight, back: float, spread: float, probability: float, sp
         float(np.hypot(np.sqrt(along @ covariance[3:, 3:] @ along), slowing)),
         name_player(path.states[0, :3], sport),
     )
+
+
+def _drop_unknown_bounce(events: list[RallyEvent], sight: Sight, fit: RallyFit) -> list[RallyEvent]:
+    """Leave out a bounce before which the clip shows too little, and nobody marked it: a hand may have thrown it up."""
+    if not events or events[0].kind != "bounce" or not fit.structure.joined[1]:
+        return events
+    bounce, places = events[0], assign_times(sight.observed.t, fit.structure, fit.values)[0]
+    is_marked = any(one.is_there and one.kind == "bounce" and one.is_near(bounce.t) for one in sight.observed.marks)
+    return events if is_marked or len(places) >= _LEAST_BEFORE_BOUNCE else events[1:]
 
 
 def _drop_tosses(flights: list[Flight], events: list[RallyEvent], sport: Sport) -> list[RallyEvent]:

@@ -161,11 +161,11 @@ def _collect_rivals(observed: FlightObservations, sport: Sport, best: RallyFit, 
         if is_rival or gain > 0:  # what gains beside its neighbours alone, and was not taken over, may gain nothing
             other = refine_fit(observed, sport, structure, values)
             gain = -np.inf if other is None else weigh_fit(other, observed) - weigh_fit(best, observed)
-            rivals += [other] if is_rival and other is not None else []
-        # the same events in other places leave no doubt that they happened
-        if not is_rival and structure.kinds != best.structure.kinds:
+            rivals += [other] if other is not None and (is_rival or gain > 0) else []
+        # the same events in other places leave no doubt that they happened, and what explains more becomes the best
+        if not is_rival and gain <= 0 and structure.kinds != best.structure.kinds:
             start = float(best.values[start_row(trial.event, count)])
-            doubts.append(Doubt(best.structure.kinds[trial.event], start, min(gain, 0.0)))
+            doubts.append(Doubt(best.structure.kinds[trial.event], start, gain))
     return Revision(best, tuple(rivals), tuple(doubts))
 
 

@@ -60,7 +60,9 @@ def _summarize_stroke(
             apex, sigma = path.xyz[highest], float(np.sqrt(path.covariance[highest, 2, 2]))
     landing = _find_landing(rally, hit, own, end == np.inf)
     call = None
-    if landing is not None:
+    if end == np.inf and rally.landings:
+        call = judge_landing(rally, area)
+    elif landing is not None:
         until = tuple(one for one in rally.events if one.t <= hit.t)
         flights = rally.flights[: own[-1] + 1] if own else ()
         part = replace(rally, events=until, flights=flights, landings=(landing,), no_landing=1 - landing.weight)

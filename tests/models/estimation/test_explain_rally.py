@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from models.core.corrections import Corrections, RallyCorrection
 from models.core.progress import ignore_progress
 from models.estimation.rally.explain_rally import explain_rally
 from models.estimation.rally.flight_observations import prepare_observations
@@ -136,6 +137,10 @@ def test_a_bounce_after_almost_nothing_is_not_stated():
     explained = explain_rally(scene, candidates, frames_of(rally)[rows], rally.frame_t[rows], ignore_progress)
     assert explained.events
     assert all(event.t > bounce + 0.1 for event in explained.events)
+    marked = Corrections(events=(RallyCorrection("mark", "bounce", 25 * bounce),))
+    seen = explain_rally(scene, candidates, frames_of(rally)[rows], rally.frame_t[rows], ignore_progress, marked)
+    assert seen.events[0].kind == "bounce", "a person saw it"
+    assert seen.events[0].t == pytest.approx(bounce, abs=0.04)
 
 
 def test_a_candidate_far_outside_takes_no_memory():

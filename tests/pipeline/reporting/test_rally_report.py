@@ -155,6 +155,19 @@ def test_a_returned_stroke_states_where_it_would_have_landed(filmed: tuple[Clip,
     assert "left singles line" in cells[5]
 
 
+def test_the_last_stroke_lands_as_the_call_says(filmed: tuple[Clip, Rally]) -> None:
+    rally = filmed[1]
+    (landing,) = rally.landings
+    other = replace(landing, weight=0.45, place=landing.place + [0.0, 0.3, 0.0])
+    rivals = replace(rally, landings=(replace(landing, weight=0.45), other), no_landing=0.1)
+    call = summarize_strokes(rivals)[-1].call
+    assert call is not None
+    assert (call.verdict, call.reason, call.probability) == (
+        judge_landing(rivals).verdict, judge_landing(rivals).reason, judge_landing(rivals).probability,
+    )  # fmt: skip
+    assert call.landing is not None
+
+
 def test_a_rally_without_strokes_has_a_page(filmed: tuple[Clip, Rally], page: Path, tmp_path: Path) -> None:
     clip, rally = filmed
     empty = replace(rally, flights=(), events=(), landings=(), no_landing=1.0, is_used=np.zeros(len(rally.t), bool))

@@ -242,12 +242,13 @@ def test_a_landing_that_more_probably_does_not_happen_is_no_place() -> None:
 def test_the_direction_of_a_flight_tells_the_half_no_better_than_its_speed_is_known() -> None:
     rally = replace(stage_rally(BADMINTON, (12.0, 3.0)), last_player=("", 0.0))
     rally = replace(rally, events=rally.events[1:])
-    assert judge_landing(rally).verdict == "in"
+    assert (judge_landing(rally).verdict, judge_landing(rally).half) == ("in", "far")
     (flight,) = rally.flights
     unsure = flight.covariance.copy()
     unsure[3, 3] = (2 * flight.parameters[3]) ** 2
     call = judge_landing(replace(rally, flights=(replace(flight, covariance=unsure),)))
     assert call.probability == pytest.approx(ndtr(0.5), abs=1e-3)
+    assert not call.half
 
 
 @pytest.mark.parametrize(("x", "least", "most"), [(29.0, 0.6, 1.0), (50.0, 0.0, 1e-3)], ids=["near", "beyond a hall"])
