@@ -103,6 +103,10 @@ class Impairment:
     run: float = 0.0
     """Mean number of frames that it misses in a row; 0: each by itself."""
 
+    def __post_init__(self) -> None:
+        if self.run and (self.run < 1 or self.missing > self.run / (1 + self.run)):
+            raise ValueError(f"{self.missing:.0%} of the frames cannot be missed in runs of {self.run:g} on average")
+
 
 def draw_losses(count: int, impairment: Impairment, rng: np.random.Generator) -> BoolArray:
     """Draw in which of T frames the object is missed: a Markov chain where losses come in runs."""

@@ -85,9 +85,10 @@ def main() -> None:
         cases = [CourtCase(sport, number, options.seed, (2, 6)) for number in range(options.rallies)]
         counts = [count_losses(read_truth(render_case(case, options.out))) for case in cases]
         for name, one in [*zip((case.name for case in cases), counts, strict=True), (sport, add_counts(counts))]:
+            seen = max(one.visible, 1)
             print(
-                f"{name:24} visible {one.visible}/{one.frames}: spot {one.spot / one.visible:.1%}, candidate "
-                f"{one.candidate / one.visible:.1%}, first {one.first / one.visible:.1%}; false at 1/2 or more "
+                f"{name:24} visible {one.visible}/{one.frames}: spot {one.spot / seen:.1%}, candidate "
+                f"{one.candidate / seen:.1%}, first {one.first / seen:.1%}; false at 1/2 or more "
                 f"{one.false / one.frames:.1%}; {1000 * one.seconds / one.frames:.1f} CPU ms a frame",
                 flush=True,
             )

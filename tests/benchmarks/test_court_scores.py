@@ -130,3 +130,6 @@ def test_losses_come_in_runs_and_keep_their_share() -> None:
         assert lost.mean() == pytest.approx(0.3, abs=0.02)
         begins = int((lost[1:] & ~lost[:-1]).sum())
         assert lost.sum() / begins == pytest.approx(run or 1 / 0.7, rel=0.05)
+    for missing, run in ((0.8, 2.0), (0.3, 0.5)):
+        with pytest.raises(ValueError, match="runs of"):
+            Impairment(missing, run=run)
