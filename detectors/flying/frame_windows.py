@@ -121,7 +121,12 @@ def align_window(frame: int, images: list[PlaneImage], shifts: FloatArray) -> Fr
 def _move(plane: ByteArray, shift: FloatArray) -> ByteArray:
     """Move a plane by a homography to its px; its border is continued."""
     flags, size = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, (plane.shape[1], plane.shape[0])
-    return np.asarray(cv2.warpPerspective(plane, shift, size, flags=flags, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+    # OpenCV moves two channels together more slowly than one after the other.
+    moved = [
+        cv2.warpPerspective(channel, shift, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+        for channel in cv2.split(plane)
+    ]
+    return np.asarray(cv2.merge(moved), np.uint8)
 
 
 def choose_lags(t: FloatArray) -> tuple[int, int]:

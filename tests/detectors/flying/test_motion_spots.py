@@ -17,7 +17,7 @@ from detectors.flying.frame_windows import (
 from detectors.flying.motion_spots import find_spots, find_window_spots, map_lone_change
 from detectors.flying.object_size import is_inside
 from detectors.flying.spot_network import streak_from_double_angle
-from detectors.flying.spot_patches import LUMA_LAYERS, MIDDLE, cut_patches
+from detectors.flying.spot_patches import LUMA_LAYERS, PATCH_PX, cut_patches, cut_squares
 from models.core.court_camera import CourtCamera
 from models.core.scene import apply_homography
 from models.core.typing import ByteArray
@@ -129,7 +129,16 @@ def test_a_neighbour_is_moved_onto_the_frame() -> None:
     patches = cut_patches(window, np.array([[80, 50]]))
     for layer in range(WINDOW):
         assert np.array_equal(patches[0, layer], patches[0, 3])
-    assert patches[0, 3, MIDDLE, MIDDLE] == images[3][50, 80]
+    assert patches[0, 3, PATCH_PX // 2, PATCH_PX // 2] == images[3][50, 80]
+
+
+def test_squares_continue_the_border_of_the_image() -> None:
+    image = np.random.default_rng(0).integers(0, 256, (40, 60, 2), dtype=np.uint8)
+    place = np.array([[30, 20], [0, 0], [59, 39], [-70, 20], [30, 200]])
+    steps = np.arange(8) - 4
+    for (x, y), square in zip(place, cut_squares(image, place, 8), strict=True):
+        rows, columns = np.clip(y + steps, 0, 39), np.clip(x + steps, 0, 59)
+        assert np.array_equal(square, np.moveaxis(image[rows][:, columns], 2, 0))
 
 
 def test_places_outside_a_polygon_are_told_in_both_directions_of_rotation() -> None:
