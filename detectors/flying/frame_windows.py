@@ -82,7 +82,9 @@ def reduce_image(image: PlaneImage, scale: float) -> PlaneImage:
 
 
 def _resize(plane: ByteArray, size: tuple[int, int]) -> ByteArray:
-    return np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_AREA), np.uint8)
+    # Down to half the size, interpolation reads every px as well as an average of areas, which takes six times as long.
+    method = cv2.INTER_LINEAR if 2 * size[0] >= plane.shape[1] else cv2.INTER_AREA
+    return np.asarray(cv2.resize(plane, size, interpolation=method), np.uint8)
 
 
 def soften_image(image: PlaneImage) -> PlaneImage:

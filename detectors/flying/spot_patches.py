@@ -31,7 +31,9 @@ def cut_patches(window: FrameWindow, place: IntArray) -> ByteArray:
     layers = [cut_squares(image.luma, _follow(shift, place), PATCH_PX) for image, shift in pairs]
     near = window.images[MIDDLE_IMAGE - 1 : MIDDLE_IMAGE + 2]
     for image in near:
-        half = cv2.resize(image.luma, image.chroma.shape[1::-1], interpolation=cv2.INTER_AREA)
+        height, width = image.chroma.shape[:2]
+        # By 2 exactly, as chroma is: other shares move places, and take twenty times as long.
+        half = cv2.resize(image.luma[: 2 * height, : 2 * width], (width, height), interpolation=cv2.INTER_AREA)
         layers.append(cut_squares(np.asarray(half, np.uint8), place // 2, PATCH_PX))
     colours = [cut_squares(image.chroma, place // 2, PATCH_PX) for image in near]
     return np.concatenate([np.stack(layers, axis=1), *colours], axis=1)

@@ -13,6 +13,7 @@ from detectors.flying.frame_windows import (
     choose_lags,
     find_shifts,
     neighbours_of,
+    reduce_image,
 )
 from detectors.flying.motion_spots import find_spots, find_window_spots, map_lone_change
 from detectors.flying.object_size import is_inside
@@ -130,6 +131,23 @@ def test_a_neighbour_is_moved_onto_the_frame() -> None:
     for layer in range(WINDOW):
         assert np.array_equal(patches[0, layer], patches[0, 3])
     assert patches[0, 3, PATCH_PX // 2, PATCH_PX // 2] == images[3][50, 80]
+
+
+@pytest.mark.parametrize("scale", [0.93, 0.6, 0.5, 0.4, 0.3])
+def test_a_reduced_image_shows_a_lone_px_wherever_it_is(scale: float) -> None:
+    for x, y in np.ndindex(10, 10):
+        luma = np.zeros((60, 80), np.uint8)
+        luma[20 + y, 30 + x] = 255
+        assert reduce_image(colourless(luma), scale).luma.max() > 4
+
+
+def test_halves_of_an_image_of_odd_sides_stay_in_place() -> None:
+    luma = np.zeros((101, 151), np.uint8)
+    luma[90:94, 140:144] = 200
+    patches = cut_patches(window_of([luma] * WINDOW), np.array([[142, 92]]))
+    middle = PATCH_PX // 2
+    half = patches[0, WINDOW:LUMA_LAYERS, middle - 2 : middle + 2, middle - 2 : middle + 2]
+    assert (half == np.pad(np.full((2, 2), 200), ((1, 1), (1, 1)))).all()
 
 
 def test_squares_continue_the_border_of_the_image() -> None:
