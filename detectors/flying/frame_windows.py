@@ -82,7 +82,9 @@ def reduce_image(image: PlaneImage, scale: float) -> PlaneImage:
 
 
 def _resize(plane: ByteArray, size: tuple[int, int]) -> ByteArray:
-    return np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_AREA), np.uint8)
+    # Down to half the size, interpolation reads every px as well as an average of areas, which takes six times as long.
+    method = cv2.INTER_LINEAR if 2 * size[0] >= plane.shape[1] else cv2.INTER_AREA
+    return np.asarray(cv2.resize(plane, size, interpolation=method), np.uint8)
 
 
 def soften_image(image: PlaneImage) -> PlaneImage:
@@ -121,7 +123,12 @@ def align_window(frame: int, images: list[PlaneImage], shifts: FloatArray) -> Fr
 def _move(plane: ByteArray, shift: FloatArray) -> ByteArray:
     """Move a plane by a homography to its px; its border is continued."""
     flags, size = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, (plane.shape[1], plane.shape[0])
-    return np.asarray(cv2.warpPerspective(plane, shift, size, flags=flags, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+    # OpenCV moves two channels together more slowly than one after the other.
+    moved = [
+        cv2.warpPerspective(channel, shift, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+        for channel in cv2.split(plane)
+    ]
+    return np.asarray(cv2.merge(moved), np.uint8)
 
 
 def choose_lags(t: FloatArray) -> tuple[int, int]:

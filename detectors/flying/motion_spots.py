@@ -9,6 +9,7 @@ import numpy as np
 
 from detectors.flying.frame_windows import MIDDLE_IMAGE, FrameWindow
 from detectors.flying.object_size import is_inside
+from detectors.flying.spot_patches import cut_squares
 from models.core.typing import BoolArray, ByteArray, FloatArray, IntArray
 
 # Change is mapped in cells of 2 px, in which video stores colour.
@@ -59,12 +60,8 @@ def find_window_spots(window: FrameWindow, outline: FloatArray | None) -> IntArr
 
 def _is_caption(window: FrameWindow, place: IntArray) -> BoolArray:
     """Tell which spots (K, 2) stand in the picture, which the camera moves over the scene."""
-    steps = np.arange(CELL_PX * SPOT_CELLS) - CELL_PX * SPOT_CELLS // 2
-    height, width = window.images[MIDDLE_IMAGE].luma.shape
-    rows = np.clip(place[:, 1, None] + steps, 0, height - 1)[:, :, None]
-    columns = np.clip(place[:, 0, None] + steps, 0, width - 1)[:, None, :]
-    square = [image.luma[rows, columns].astype(np.float64) for image in window.images]
-    change = np.array([np.abs(one - square[MIDDLE_IMAGE]).mean(axis=(1, 2)) for one in square])
+    square = np.array([cut_squares(image.luma, place, CELL_PX * SPOT_CELLS) for image in window.images], np.int16)
+    change = np.abs(square - square[MIDDLE_IMAGE]).mean(axis=(2, 3))
     return np.asarray(change[[1, 5]].max(axis=0) < CAPTION_SHARE * change[[0, 6]].min(axis=0))
 
 

@@ -13,11 +13,12 @@ from detectors.flying.frame_windows import (
     choose_lags,
     find_shifts,
     neighbours_of,
+    reduce_image,
 )
 from detectors.flying.motion_spots import find_spots, find_window_spots, map_lone_change
 from detectors.flying.object_size import is_inside
 from detectors.flying.spot_network import streak_from_double_angle
-from detectors.flying.spot_patches import LUMA_LAYERS, MIDDLE, cut_patches
+from detectors.flying.spot_patches import LUMA_LAYERS, PATCH_PX, cut_patches, cut_squares
 from models.core.court_camera import CourtCamera
 from models.core.scene import apply_homography
 from models.core.typing import ByteArray
@@ -129,7 +130,33 @@ def test_a_neighbour_is_moved_onto_the_frame() -> None:
     patches = cut_patches(window, np.array([[80, 50]]))
     for layer in range(WINDOW):
         assert np.array_equal(patches[0, layer], patches[0, 3])
-    assert patches[0, 3, MIDDLE, MIDDLE] == images[3][50, 80]
+    assert patches[0, 3, PATCH_PX // 2, PATCH_PX // 2] == images[3][50, 80]
+
+
+@pytest.mark.parametrize("scale", [0.93, 0.6, 0.5, 0.4, 0.3])
+def test_a_reduced_image_shows_a_lone_px_wherever_it_is(scale: float) -> None:
+    for x, y in np.ndindex(10, 10):
+        luma = np.zeros((60, 80), np.uint8)
+        luma[20 + y, 30 + x] = 255
+        assert reduce_image(colourless(luma), scale).luma.max() > 4
+
+
+def test_halves_of_an_image_of_odd_sides_stay_in_place() -> None:
+    luma = np.zeros((101, 151), np.uint8)
+    luma[90:94, 140:144] = 200
+    patches = cut_patches(window_of([luma] * WINDOW), np.array([[142, 92]]))
+    middle = PATCH_PX // 2
+    half = patches[0, WINDOW:LUMA_LAYERS, middle - 2 : middle + 2, middle - 2 : middle + 2]
+    assert (half == np.pad(np.full((2, 2), 200), ((1, 1), (1, 1)))).all()
+
+
+def test_squares_continue_the_border_of_the_image() -> None:
+    image = np.random.default_rng(0).integers(0, 256, (40, 60, 2), dtype=np.uint8)
+    place = np.array([[30, 20], [0, 0], [59, 39], [-70, 20], [30, 200]])
+    steps = np.arange(8) - 4
+    for (x, y), square in zip(place, cut_squares(image, place, 8), strict=True):
+        rows, columns = np.clip(y + steps, 0, 39), np.clip(x + steps, 0, 59)
+        assert np.array_equal(square, np.moveaxis(image[rows][:, columns], 2, 0))
 
 
 def test_places_outside_a_polygon_are_told_in_both_directions_of_rotation() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from detectors.flying.frame_windows import MIDDLE_IMAGE
-from detectors.flying.spot_patches import LAYERS, LUMA_LAYERS, MIDDLE, PATCH_PX
+from detectors.flying.spot_patches import LAYERS, LUMA_LAYERS, PATCH_PX
 from detectors.training.flying_samples import LARGEST_OFF_PX, cut_film_samples, judge_spots, split_planes
 from detectors.training.flying_scenes import FRAMES, OBJECTS, draw_film
 from detectors.training.flying_training import FlyingNetwork, flying_loss, vary_samples
@@ -34,7 +34,7 @@ def test_varied_samples_keep_the_truth() -> None:
     rng = np.random.default_rng(0)
     x, y, streak = 4.0, -3.0, (6.0, 2.0)
     patches = np.full((64, LAYERS, PATCH_PX, PATCH_PX), 20, np.uint8)
-    rows, columns = np.mgrid[:PATCH_PX, :PATCH_PX] - MIDDLE
+    rows, columns = np.mgrid[:PATCH_PX, :PATCH_PX] - PATCH_PX // 2
     for share in np.linspace(-0.5, 0.5, 9):
         patches[:, MIDDLE_IMAGE, np.hypot(columns - x - share * streak[0], rows - y - share * streak[1]) < 1.6] = 220
     truth = np.tile(np.array([1, x, y, *streak], np.float32), (64, 1))
