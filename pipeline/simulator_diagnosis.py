@@ -131,7 +131,7 @@ def _doubt_time_step(
     on_progress("trying half the time step", (), SearchOutlook())
     shots = (*split.fitting, *split.selection)
     noise, finer = estimate_noise(shots), replace(scene, simulator=simulator.halve_step())
-    problems = [build_diagnosis_problem(one, noise.correlation, executor) for one in (scene, finer)]
+    problems = [build_diagnosis_problem(one, noise, executor) for one in (scene, finer)]
     used = thin_out_windows(problems[0], apply_noise_estimate(shots, noise), ENOUGH_WINDOWS)
     whole, half = (fit_initial_windows(one, used) for one in problems)
     if not whole.cost - half.cost > max(CLEAR_GAIN, _STEP_SHARE * whole.lower_excess_cost):

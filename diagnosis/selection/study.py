@@ -133,9 +133,7 @@ def run_study(
         The study.
     """
     noise = estimate_noise((*split.fitting, *split.selection))
-    problem = replace(
-        build_diagnosis_problem(scene, noise.correlation, executor), correlation_sigma=noise.correlation_sigma
-    )
+    problem = build_diagnosis_problem(scene, noise, executor)
     first, second = apply_noise_estimate(split.fitting, noise), apply_noise_estimate(split.selection, noise)
     duration, used_windows = float("inf"), (0, 0)
     if isinstance(scene, ContactRichScene):

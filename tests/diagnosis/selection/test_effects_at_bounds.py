@@ -10,8 +10,13 @@ from support.pucks import AIR_DRAG, FRICTION, SIDEWAYS, SLOPE, Effect, Filming, 
 
 from diagnosis.fitting.diagnosis_windows import split_into_segments
 from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem, fit_effects
-from diagnosis.fitting.shot_preparation import apply_noise_estimate, estimate_noise
-from diagnosis.selection.effect_selection import REFITS_PER_STEP, fit_without_effect, needs_all_effects, propose_hypotheses
+from diagnosis.fitting.shot_preparation import WHITE_NOISE, apply_noise_estimate, estimate_noise
+from diagnosis.selection.effect_selection import (
+    REFITS_PER_STEP,
+    fit_without_effect,
+    needs_all_effects,
+    propose_hypotheses,
+)
 from diagnosis.selection.hypotheses import EffectSearch, Hypothesis
 from diagnosis.selection.hypothesis_trials import try_hypothesis
 from models.core.recording import Recording
@@ -51,7 +56,7 @@ def search_bent_pucks(side: float, slope: Effect = SLOPE) -> EffectSearch:
     """Begin a search with pucks whose sideways force is uphill from its bound."""
     low, high = sorted((0.0, 3.0 * side))
     bent = Effect("sideways", (one("c", "1/s", 1.0, low, high),), (0.0,))
-    problem = build_diagnosis_problem(BentPucks((FRICTION, slope, bent), side=side), 0.0)
+    problem = build_diagnosis_problem(BentPucks((FRICTION, slope, bent), side=side), WHITE_NOISE)
     truth = {"friction.mu": 0.02, "sideways.c": STRENGTH * (STRENGTH - 1)}
     filmed = film(np.random.default_rng(1), truth, Filming(shots=4))
     base = fit_effects(problem, split_into_segments(problem, apply_noise_estimate(filmed, estimate_noise(filmed))))
@@ -88,7 +93,7 @@ def test_of_effects_that_trade_strength_each_must_explain_a_share_of_what_remain
     """The slope explains a quarter of what is left beside the sideways force, and little of all that the simulator
     lacks; the lens remains."""
     generic = replace(AIR_DRAG, kind="probe")
-    problem = build_diagnosis_problem(Pucks((FRICTION, SLOPE, SIDEWAYS, generic)), 0.0)
+    problem = build_diagnosis_problem(Pucks((FRICTION, SLOPE, SIDEWAYS, generic)), WHITE_NOISE)
     truth = {"friction.mu": 0.02, "sideways.c": 0.6, "slope.slope_x": 2.0, "lens_distortion.k1": 0.01}
     filmed = film(np.random.default_rng(2), truth, Filming(shots=6))
     segments = split_into_segments(problem, apply_noise_estimate(filmed, estimate_noise(filmed)))
