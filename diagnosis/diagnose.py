@@ -62,7 +62,7 @@ def diagnose(
     has_names = isinstance(scene, SimulatorScene)
     restored = [(one, ()) if has_names else undo_identity_switches(one) for one in recordings]
     split = split_shots(tuple(recording for recording, _ in restored))
-    reason = _explain_insufficient_data(scene, split)
+    reason = explain_insufficient_data(scene, split)
     if reason:
         return build_undecidable_report(scene, recordings[0].reference.unit, reason)
     on_progress("fitting the simulator", (), SearchOutlook())
@@ -97,8 +97,13 @@ def describe_shots(split: ShotSplit, noise: NoiseEstimate) -> ShotUse:
     )
 
 
-def _explain_insufficient_data(scene: GapScene, split: ShotSplit) -> str:
-    """Explain why nothing can be tested; empty where something can."""
+def explain_insufficient_data(scene: GapScene, split: ShotSplit) -> str:
+    """Explain why nothing can be tested; empty where something can.
+
+    Args:
+        scene: Scene with a catalogue of effects.
+        split: Recordings by use.
+    """
     is_still = not any(_has_motion(one) for one in split.fitting)
     if is_still and any(int(one.is_observed.sum(axis=0).max()) >= MIN_ROWS for one in split.fitting):
         return "nothing moves in these shots"

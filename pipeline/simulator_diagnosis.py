@@ -6,13 +6,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from diagnosis.diagnose import diagnose
-from diagnosis.fitting.diagnosis_windows import fit_initial_windows
+from diagnosis.diagnose import diagnose, explain_insufficient_data
+from diagnosis.fitting.diagnosis_windows import fit_initial_windows, thin_out_windows
 from diagnosis.fitting.display_names import format_parameter
 from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem
-from diagnosis.fitting.shot_preparation import apply_noise_estimate, estimate_noise
-from diagnosis.selection.hypotheses import ProgressCallback, ignore_progress
+from diagnosis.fitting.shot_preparation import apply_noise_estimate, estimate_noise, split_shots
+from diagnosis.selection.hypotheses import ProgressCallback, SearchOutlook, ignore_progress
 from diagnosis.selection.hypothesis_trials import CLEAR_GAIN
+from diagnosis.selection.study import ENOUGH_WINDOWS
 from diagnosis.verdicts.verdict import DiagnosisReport
 from models.core.errors import OptionError
 from models.core.number_format import format_unit, format_with_sigma
@@ -63,6 +64,8 @@ def diagnose_mechanism(
         OptionError: The simulator or a recording cannot be used.
     """
     shots = read_mechanism_shots(inputs, simulator)
+    for note in shots.notes:
+        on_note(note)
     scene = build_simulator_scene(shots.simulator, shots.recordings, shots.histories)
     recordings, failed, total = leave_out_failures(scene, shots.recordings)
     reason = shots.simulator.failure or "positions grow without bound"
@@ -70,8 +73,8 @@ def diagnose_mechanism(
     if 2 * failed > total:
         raise OptionError(f"{fails}; check its time step, its units and the poses at which it begins")
     lost = (f"{fails}; they are left out",) if failed else ()
-    doubts = (*lost, *_doubt_time_step(scene, recordings))
-    for note in (*shots.notes, *doubts):
+    doubts = (*lost, *_doubt_time_step(scene, recordings, on_progress, executor))
+    for note in doubts:
         on_note(note)
     report = diagnose(scene, recordings, seed, on_progress, executor)
     origins = shots.origins
@@ -118,20 +121,25 @@ def _describe_changes(scene: SimulatorScene, report: DiagnosisReport) -> tuple[s
     return (f"in the file of your simulator, give {', '.join(changes)}",) if changes else ()
 
 
-def _doubt_time_step(scene: SimulatorScene, recordings: tuple[Recording, ...]) -> tuple[str, ...]:
+def _doubt_time_step(
+    scene: SimulatorScene, recordings: tuple[Recording, ...], on_progress: ProgressCallback, executor: Executor
+) -> tuple[str, ...]:
     """Doubt a function that explains recordings better with half its step: it errs by itself, as by a lag."""
-    simulator = scene.simulator
-    if not isinstance(simulator, FunctionSimulator):
+    simulator, split = scene.simulator, split_shots(recordings)
+    if not isinstance(simulator, FunctionSimulator) or explain_insufficient_data(scene, split):
         return ()
-    noise, finer = estimate_noise(recordings), replace(scene, simulator=simulator.halve_step())
-    used = apply_noise_estimate(recordings, noise)
-    whole, half = (fit_initial_windows(build_diagnosis_problem(one, noise.correlation), used) for one in (scene, finer))
+    on_progress("trying half the time step", (), SearchOutlook())
+    shots = (*split.fitting, *split.selection)
+    noise, finer = estimate_noise(shots), replace(scene, simulator=simulator.halve_step())
+    problems = [build_diagnosis_problem(one, noise, executor) for one in (scene, finer)]
+    used = thin_out_windows(problems[0], apply_noise_estimate(shots, noise), ENOUGH_WINDOWS)
+    whole, half = (fit_initial_windows(one, used) for one in problems)
     if not whole.cost - half.cost > max(CLEAR_GAIN, _STEP_SHARE * whole.lower_excess_cost):
         return ()
     return (
-        f"with half its step of {1e3 * simulator.time_step:.3g} ms your simulator explains these runs better: a part"
-        " of what it lacks is the error of its steps, which looks like a lag or another scale; give it a shorter"
-        " time_step first",
+        f"with a step of {500 * simulator.time_step:.3g} ms instead of {1e3 * simulator.time_step:.3g} your simulator"
+        " explains these runs better: a part of what it lacks is the error of its steps, which looks like a lag or"
+        " another scale; give it a shorter time_step first",
     )
 
 

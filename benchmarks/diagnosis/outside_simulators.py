@@ -376,9 +376,7 @@ def draw_law(real: Path, simulator: Path) -> ForceLaw | None:
     split = split_shots(shots.recordings)
     used = (*split.fitting, *split.selection)
     noise = estimate_noise(used)
-    problem = build_diagnosis_problem(
-        build_simulator_scene(shots.simulator, shots.recordings, shots.histories), noise.correlation
-    )
+    problem = build_diagnosis_problem(build_simulator_scene(shots.simulator, shots.recordings, shots.histories), noise)
     fitted = fit_initial_windows(problem, apply_noise_estimate(used, noise))
     return find_force_law(measure_resolved_acceleration(problem, fitted), used[0].reference.coordinates)
 

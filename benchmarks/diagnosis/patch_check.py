@@ -133,7 +133,7 @@ def run_table(scene: str, seed: int, only_locates: bool = False) -> PatchRow:
     split = split_shots(shots)
     used = (*split.fitting, *split.selection)
     noise = estimate_noise(used)
-    problem = build_diagnosis_problem(gap_scene, noise.correlation)
+    problem = build_diagnosis_problem(gap_scene, noise)
     fitted = fit_adaptively(problem, tuple(apply_noise_estimate(used, noise)))
     patch = find_local_patch(problem, fitted, np.random.default_rng(seed))
     return score_patch(scene, seed, "", patch, effects, float("nan"))

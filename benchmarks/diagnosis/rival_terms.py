@@ -132,7 +132,7 @@ def _sample_window(
     groups = tuple(name for name, part in terms.items() for _ in range(part.shape[2]))
     columns = np.concatenate(list(terms.values()), axis=2)
     is_free = np.array(around.phase) == FREE_PHASES[scene.name]
-    correlated = float(np.sqrt((1 + problem.correlation) / (1 - problem.correlation)))
+    correlated = float(np.sqrt((1 + problem.noise.correlation) / (1 - problem.noise.correlation)))
     misses = window.positions[rows, bodies] - path[rows, bodies]
     for body in range(len(window.bodies)):
         own = np.flatnonzero(bodies == body)

@@ -25,10 +25,6 @@ from models.numerics.statistics import correct_for_choices, evaluate_huber_loss
 
 # Number of noise samples.
 NOISE_DRAWS = 300
-# Least standard deviation of an estimated correlation of the noise, which is no exact autoregression.
-_LEAST_CORRELATION_SIGMA = 0.06
-# Largest correlation that is drawn.
-_MAX_CORRELATION = 0.97
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,12 +80,10 @@ def compute_residuals(
     """
     weights = [np.sqrt(evaluate_huber_loss(flow.residual)[0]) for flow in linearized.point.windows]
     left = [-flow.residual * weight[:, None] for flow, weight in zip(linearized.point.windows, weights, strict=True)]
-    drawn = np.zeros(NOISE_DRAWS)
-    if problem.correlation:  # all windows have the noise of one sensor: the error of its correlation is one for all
-        sigma = max(problem.correlation_sigma, _LEAST_CORRELATION_SIGMA)
-        drawn = problem.correlation + sigma * rng.standard_normal(NOISE_DRAWS)
-        drawn = np.clip(drawn, 0.0, _MAX_CORRELATION)
-    noise = [_draw_noise(problem.correlation, drawn, segment, rng) for segment in fitted.segments]
+    correlation = problem.noise.correlation_estimate
+    # all windows have the noise of one sensor: the error of its correlation is one for all
+    drawn = None if correlation is None else correlation.draw(NOISE_DRAWS, rng)
+    noise = [_draw_noise(problem.noise.correlation, drawn, segment, rng) for segment in fitted.segments]
     # the residuals are projected like the noise: an iteration stops slightly before its minimum
     both = [np.concatenate([a[..., None], b], axis=2) for a, b in zip(left, noise, strict=True)]
     through = _project_out_fit(linearized, fitted, weights, both)
@@ -128,11 +122,17 @@ def concatenate_residuals(parts: list[FitResiduals]) -> FitResiduals:
     return replace(parts[0], **{"image": None, **joined})
 
 
-def _draw_noise(correlation: float, drawn: FloatArray, segment: Recording, rng: np.random.Generator) -> FloatArray:
-    """Draw noise (K, D, NOISE_DRAWS) of correlations `drawn` (NOISE_DRAWS,), whitened by the estimated correlation."""
+def _draw_noise(
+    correlation: float, drawn: FloatArray | None, segment: Recording, rng: np.random.Generator
+) -> FloatArray:
+    """Draw noise (K, D, NOISE_DRAWS) of correlations `drawn` (NOISE_DRAWS,), whitened by the estimated correlation.
+
+    Its variance is 1 whatever was drawn: the size of the residuals is measured by itself, and errors of the correlation
+    that add to it on average would let misfit pass as noise. None draws white noise.
+    """
     count, coordinates = int(segment.is_observed.sum()), segment.positions.shape[2]
     fresh = rng.standard_normal((count, coordinates, NOISE_DRAWS))
-    if correlation == 0:
+    if drawn is None:
         return fresh
     own = build_noise_chain(segment, 1.0)
     rows, _ = np.nonzero(segment.is_observed)
@@ -140,7 +140,8 @@ def _draw_noise(correlation: float, drawn: FloatArray, segment: Recording, rng: 
     for k in np.flatnonzero(own.correlation):
         correlations = drawn ** steps[k]
         fresh[k] = correlations * fresh[own.previous[k]] + np.sqrt(1 - correlations**2) * fresh[k]
-    return build_noise_chain(segment, correlation).whiten(fresh)
+    variance = (1 + correlation**2 - 2 * correlation * drawn) / (1 - correlation**2)
+    return build_noise_chain(segment, correlation).whiten(fresh / np.sqrt(variance))
 
 
 def _project_out_fit(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.fitting.shot_preparation import WhitenedModel, build_noise_chain
+from diagnosis.fitting.shot_preparation import NoiseEstimate, WhitenedModel, build_noise_chain
 from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray
 from models.estimation.gap_scenes.gap_scene import GapScene, effect_parameter_mask, neutral_values
@@ -55,12 +55,10 @@ class DiagnosisProblem:
     """(P,) priors of all parameters, none of them relative, so that an effect may be absent."""
     natural: FloatArray
     """(P,) values from the literature; neutral where an effect may have either sign or any size."""
-    correlation: float
-    """Correlation of the noise of neighbouring frames."""
+    noise: NoiseEstimate
+    """Noise of the recordings."""
     executor: Executor = SERIAL
     """Distributes shots over processes."""
-    correlation_sigma: float = 0.0
-    """Standard deviation of `correlation`, as it was estimated."""
 
     @property
     def candidates(self) -> tuple[str, ...]:
@@ -96,12 +94,12 @@ class DiagnosisProblem:
         return np.asarray(np.clip(values, low, high))
 
 
-def build_diagnosis_problem(scene: GapScene, correlation: float, executor: Executor = SERIAL) -> DiagnosisProblem:
+def build_diagnosis_problem(scene: GapScene, noise: NoiseEstimate, executor: Executor = SERIAL) -> DiagnosisProblem:
     """Build the problem of a scene, with priors in which an absent effect is as likely as one of usual strength.
 
     Args:
         scene: Scene with a catalogue of effects.
-        correlation: Correlation of the noise of neighbouring frames.
+        noise: Noise of the recordings.
         executor: Distributes shots over processes; it does not change results.
 
     Returns:
@@ -117,7 +115,7 @@ def build_diagnosis_problem(scene: GapScene, correlation: float, executor: Execu
         sigma = spread * _SIMULATOR_PRIOR_FACTOR if is_simulated else float(np.hypot(spread, prior.value - neutral))
         priors.append(Prior(f"{name}.{prior.name}", prior.unit, value, sigma, False, (low, high)))
     natural = np.array([prior.value for _, prior in usual])
-    return DiagnosisProblem(scene, tuple(priors), natural, correlation, executor)
+    return DiagnosisProblem(scene, tuple(priors), natural, noise, executor)
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,9 +181,9 @@ def build_window_model(
 ) -> ShootingModel:
     """Build the scene's model of segments, with residuals whitened where the noise is correlated."""
     model = problem.scene.build_model(segments, forms, jacobian_mask)
-    if problem.correlation == 0:
+    if problem.noise.correlation == 0:
         return model
-    return WhitenedModel(model, tuple(build_noise_chain(segment, problem.correlation) for segment in segments))
+    return WhitenedModel(model, tuple(build_noise_chain(segment, problem.noise.correlation) for segment in segments))
 
 
 def fit_effects(

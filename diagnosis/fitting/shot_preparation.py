@@ -25,7 +25,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.optimize import brentq
 from scipy.stats import chi2
 
 from models.core.recording import Recording
@@ -113,8 +112,10 @@ _MAX_BASES = 200
 _MAX_SMOOTH_RATIO = 2.5
 # Largest correlation of neighbouring frames that such short segments can separate from smooth motion.
 _MAX_CORRELATION = 0.95
-# Step over which the derivative of expected residuals by the correlation is taken.
-_CORRELATION_STEP = 0.01
+# Correlations for which expected products of residuals are tabulated; what lies between is interpolated to 0.005.
+_CORRELATIONS = np.linspace(0.0, 0.97, 33)
+# Least standard deviation of an estimated correlation of the noise, which is no exact autoregression.
+_LEAST_CORRELATION_SIGMA = 0.06
 # Extent from which a body moves within a segment, standard deviations.
 _MOVING_SIGMAS = 20.0
 # Frames of the shortest segments: their polynomials leave one residual.
@@ -138,22 +139,54 @@ _MIN_RELATIVE_SIGMA = 1e-7
 
 
 @dataclass(frozen=True, slots=True)
+class CorrelationEstimate:
+    """What the residuals of polynomials say of the correlation of noise, whose error is not normal near 1."""
+
+    ratio: float
+    """Sum of the products of neighbouring residuals over that of their squares."""
+    sigma: float
+    """Standard deviation of `ratio`."""
+    correlations: FloatArray
+    """(G,)"""
+    ratios: FloatArray
+    """(G,) expected `ratio` of these correlations, increasing."""
+
+    @property
+    def value(self) -> float:
+        """The correlation."""
+        return min(float(np.interp(self.ratio, self.ratios, self.correlations)), _MAX_CORRELATION)
+
+    def draw(self, count: int, rng: np.random.Generator) -> FloatArray:
+        """Draw correlations (`count`,) within the error of the estimate."""
+        low, estimated = np.interp([self.value - _LEAST_CORRELATION_SIGMA, self.value], self.correlations, self.ratios)
+        drawn = self.ratio + max(self.sigma, float(estimated - low)) * rng.standard_normal(count)
+        return np.interp(drawn, self.ratios, self.correlations)
+
+
+@dataclass(frozen=True, slots=True)
 class NoiseEstimate:
     """Noise of all recordings of one scene together."""
 
     scale: float
     """Noise relative to the stated sigmas."""
-    correlation: float
-    """Correlation of the errors of neighbouring frames; 0 where it is not significant."""
+    correlation_estimate: CorrelationEstimate | None
+    """Correlation of the errors of neighbouring frames; None where it is not significant."""
     segment_count: int
     """Number of smooth segments that the estimate is based on."""
-    correlation_sigma: float = 0.0
-    """Standard deviation of `correlation`."""
+
+    @property
+    def correlation(self) -> float:
+        """Correlation of the errors of neighbouring frames; 0 where it is not significant."""
+        return 0.0 if self.correlation_estimate is None else self.correlation_estimate.value
 
     @property
     def is_measured(self) -> bool:
         """Whether there were enough smooth segments to measure it."""
         return self.segment_count >= _MIN_SEGMENTS
+
+
+# White noise of the stated size.
+WHITE_NOISE = NoiseEstimate(1.0, None, 0)
 
 
 def estimate_noise(recordings: tuple[Recording, ...]) -> NoiseEstimate:
@@ -201,7 +234,7 @@ def _estimate_in_segments(recordings: Sequence[tuple[Recording, FloatArray]], fr
     """Estimate the noise from segments of as many frames."""
     parts = [part for recording, times in recordings for part in _compute_residuals(recording, times, frames)]
     if not parts:
-        return NoiseEstimate(1.0, 0.0, 0)
+        return WHITE_NOISE
     rows, moving, bases = (np.concatenate([part[k] for part in parts]) for k in range(3))
     all_bodies, moving_bodies = (
         _estimate_from_residuals(rows[chosen], bases[chosen]) for chosen in (np.full(len(rows), True), moving)
@@ -216,22 +249,22 @@ def _estimate_in_segments(recordings: Sequence[tuple[Recording, FloatArray]], fr
 def _estimate_from_residuals(rows: FloatArray, bases: FloatArray) -> NoiseEstimate:
     """Estimate the noise from residuals (M, F) of polynomials with bases (M, F, K)."""
     if not len(rows):
-        return NoiseEstimate(1.0, 0.0, 0)
+        return WHITE_NOISE
     size = np.square(rows).sum(axis=1)
     is_smooth = size < _MAX_SMOOTH_RATIO * np.median(size)
     smooth, bases = rows[is_smooth], bases[is_smooth]
     if len(smooth) < _MIN_SEGMENTS:
-        return NoiseEstimate(1.0, 0.0, len(smooth))
+        return NoiseEstimate(1.0, None, len(smooth))
     bases = bases[:: -(-len(bases) // _MAX_BASES)]
     # one residual says nothing of a correlation
-    correlation, error = _estimate_correlation(smooth, bases) if rows.shape[1] > _LEAST_FRAMES else (0.0, 0.0)
+    estimate = _estimate_correlation(smooth, bases) if rows.shape[1] > _LEAST_FRAMES else None
+    correlation = 0.0 if estimate is None else estimate.value
     remaining, free = _compute_residual_products(correlation, bases)[0], _degrees_of_freedom(correlation, bases)
     # pieces beyond the limit are missing from the mean as much as chance puts there
     cut = _MAX_SMOOTH_RATIO * chi2.ppf(0.5, free)
     share = chi2.cdf(cut, free + 2) / chi2.cdf(cut, free)
-    return NoiseEstimate(
-        float(np.sqrt(np.square(smooth).sum(axis=1).mean() / share / remaining)), correlation, len(smooth), error
-    )
+    scale = float(np.sqrt(np.square(smooth).sum(axis=1).mean() / share / remaining))
+    return NoiseEstimate(scale, estimate, len(smooth))
 
 
 def _compute_residuals(
@@ -295,28 +328,22 @@ def _degrees_of_freedom(correlation: float, bases: FloatArray) -> float:
     return float(np.trace(left, axis1=1, axis2=2).mean() ** 2 / np.square(left).sum(axis=(1, 2)).mean())
 
 
-def _estimate_correlation(segments: FloatArray, bases: FloatArray) -> tuple[float, float]:
-    """Estimate the correlation of noise from its residuals, and its standard deviation.
-
-    It is 0 where it is not significant at 5 %.
-    """
+def _estimate_correlation(segments: FloatArray, bases: FloatArray) -> CorrelationEstimate | None:
+    """Estimate the correlation of noise from its residuals; None where it is not significant at 5 %."""
     squares = np.square(segments).sum(axis=1)
     products = (segments[:, 1:] * segments[:, :-1]).sum(axis=1)
     ratio = float(products.sum() / squares.sum())
     white = _compute_residual_products(0.0, bases)
     # pieces overlap by half, so that about two of three are independent
     count = np.sqrt(max(len(segments) / 1.5, 1.0))
-    error = float(np.std(products - white[1] / white[0] * squares)) / squares.mean() / count
-    if ratio - white[1] / white[0] < 1.65 * error:
-        return 0.0, 0.0
 
-    def beyond(correlation: float) -> float:
-        squares, neighbours = _compute_residual_products(correlation, bases)
-        return neighbours / squares - ratio
+    def error(center: float) -> float:
+        return float(np.std(products - center * squares) / squares.mean() / count)
 
-    found = float(brentq(beyond, 0.0, _MAX_CORRELATION)) if beyond(_MAX_CORRELATION) > 0 else _MAX_CORRELATION
-    slope = (beyond(found) - beyond(found - _CORRELATION_STEP)) / _CORRELATION_STEP
-    return found, float(np.std(products - ratio * squares)) / squares.mean() / count / slope
+    if ratio - white[1] / white[0] < 1.65 * error(white[1] / white[0]):
+        return None
+    left, neighbours = np.transpose([_compute_residual_products(one, bases) for one in _CORRELATIONS.tolist()])
+    return CorrelationEstimate(ratio, error(ratio), _CORRELATIONS, np.maximum.accumulate(neighbours / left))
 
 
 def apply_noise_estimate(recordings: tuple[Recording, ...], noise: NoiseEstimate) -> tuple[Recording, ...]:

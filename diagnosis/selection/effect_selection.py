@@ -126,7 +126,7 @@ def _continue_on_longer_windows(search: EffectSearch, best: Hypothesis) -> Effec
         problem,
         first,
         simulator_fit,
-        with_blocked_partners=search.with_blocked_partners,
+        blocked_pairs=search.blocked_pairs,
         on_progress=search.on_progress,
         steps_done=search.steps_done,
     )
@@ -274,9 +274,8 @@ def _exceeds_rest(search: EffectSearch, hypothesis: Hypothesis, name: str) -> bo
 
     The size of the noise may be off a little; where shots disagree about several effects and are few, any cost may be
     systematic. Real motion keeps a rest that no law explains, and which refutes no effect: where generic laws explain
-    less of it, that is what an effect must exceed, and a share of the misfit of the simulator. Effects of which one was
-    blocked beside other strengths of the others take over each other's parts of that: their share is one of what is
-    left without each.
+    less of it, that is what an effect must exceed, and a share of the misfit of the simulator. Where one effect was
+    blocked, effects trade strength; each must then explain that share of what remains without it.
     """
     without = fit_without_effect(search, hypothesis, name)
     gain = without.cost - hypothesis.fitted.cost
@@ -285,7 +284,8 @@ def _exceeds_rest(search: EffectSearch, hypothesis: Hypothesis, name: str) -> bo
     beyond_noise = hypothesis.fitted.upper_excess_cost if disputed else hypothesis.fitted.lower_excess_cost
     if gain >= beyond_noise or not search.problem.probes:
         return gain >= beyond_noise
-    whole = without if hypothesis.names in search.with_blocked_partners else search.base.fitted
+    trades_strength = any(pair <= hypothesis.names for pair in search.blocked_pairs)
+    whole = without if trades_strength else search.base.fitted
     least = _MIN_SHARE_BESIDE_REST * whole.lower_excess_cost
     return gain >= least and gain >= search.generic_law_gain(hypothesis)
 
@@ -341,9 +341,9 @@ def propose_hypotheses(search: EffectSearch, now: Hypothesis) -> list[frozenset[
         is_natural = problem.natural != problem.neutral(problem.simulator_forms)
         masks = {name: problem.mask((name,)) for name in gains if name not in first}
         first += [name for name, mask in masks.items() if signatures.raw[mask].any() and is_natural[mask].any()]
-        blocked = [name for name in _find_blocked_partners(search, now, signatures) if name not in first]
-        search.with_blocked_partners |= {now.names | {name} for name in blocked}
-        first += blocked
+        blocked = _find_blocked_partners(search, now, signatures)
+        search.blocked_pairs.update(blocked)
+        first += sorted({name for pair in blocked for name in pair - now.names} - {*first})
     forms = [choice.name for choice in problem.scene.alternatives if choice.name not in now.names]
     if now.names and now.fitted.lower_excess_cost == 0 and _do_shots_agree(search, now):
         forms = []  # effects that leave only noise replace a form
@@ -356,21 +356,20 @@ def propose_hypotheses(search: EffectSearch, now: Hypothesis) -> list[frozenset[
     return proposals
 
 
-def _find_blocked_partners(search: EffectSearch, now: Hypothesis, signatures: Signatures) -> list[str]:
-    """Find partners of the effects of a hypothesis that their bounds keep absent beside the fitted strengths.
+def _find_blocked_partners(search: EffectSearch, now: Hypothesis, signatures: Signatures) -> list[frozenset[str]]:
+    """Find effects of a hypothesis, each with a partner that its bounds keep absent beside the fitted strengths.
 
     To first order the data ask for less of them than nothing; beside other strengths of their partner, they may ask for
     more: a strong actuator seems to turn less than the inertia of its file, until its rotor is known.
     """
-    problem = search.problem
-    partners = {one for effect in problem.scene.effects if effect.name in now.names for one in effect.partners}
-    blocked = []
-    for name in sorted(partners & set(problem.candidates) - now.names):
-        mask, step = problem.mask((name,)), np.zeros(len(problem.priors))
-        step[mask] = signatures.step(mask)
-        absent = now.fitted.shared[mask]
-        if signatures.raw[mask].any() and (problem.clip_to_bounds(now.fitted.shared + step)[mask] == absent).all():
-            blocked.append(name)
+    problem, blocked = search.problem, []
+    for effect in (one for one in problem.scene.effects if one.name in now.names):
+        for name in sorted({*effect.partners} & {*problem.candidates} - now.names):
+            mask, step = problem.mask((name,)), np.zeros(len(problem.priors))
+            step[mask] = signatures.step(mask)
+            absent = now.fitted.shared[mask]
+            if signatures.raw[mask].any() and (problem.clip_to_bounds(now.fitted.shared + step)[mask] == absent).all():
+                blocked.append(frozenset({effect.name, name}))
     return blocked
 
 

@@ -203,8 +203,8 @@ class EffectSearch:
     """Cost of a hypothesis (first) when another (second) was refitted from its starts."""
     generic_law_fits: dict[frozenset[str], tuple[EffectFit, EffectFit]] = field(default_factory=dict)
     """Fits of hypotheses, and the same with the generic laws beside their effects."""
-    with_blocked_partners: set[frozenset[str]] = field(default_factory=set)
-    """Hypotheses with an effect that its bounds kept absent beside the fitted strengths of a partner."""
+    blocked_pairs: set[frozenset[str]] = field(default_factory=set)
+    """Pairs of effects of which one was kept absent by its bounds beside the fitted strengths of the other."""
     on_progress: ProgressCallback = ignore_progress
     steps_done: int = 0
     """Number of steps that were reported."""

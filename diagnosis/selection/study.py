@@ -133,9 +133,7 @@ def run_study(
         The study.
     """
     noise = estimate_noise((*split.fitting, *split.selection))
-    problem = replace(
-        build_diagnosis_problem(scene, noise.correlation, executor), correlation_sigma=noise.correlation_sigma
-    )
+    problem = build_diagnosis_problem(scene, noise, executor)
     first, second = apply_noise_estimate(split.fitting, noise), apply_noise_estimate(split.selection, noise)
     duration, used_windows = float("inf"), (0, 0)
     if isinstance(scene, ContactRichScene):
@@ -233,12 +231,36 @@ def _test_best(
     is_named = evidence.has_systematic_residuals and share > MIN_EXPLAINED_SHARE
     if not (is_named and second and problem.probes):
         return evidence
-    if best.size > 1:  # several effects may imitate one law, as the terms of a series do
-        share, is_better = _measure_generic_law_shares(problem, full, second, after, before)
-        if share > MIN_LAW_SHARE:
+    return judge_by_generic_laws(problem, evidence, full, second, before, after)
+
+
+def judge_by_generic_laws(
+    problem: DiagnosisProblem,
+    evidence: UnknownEvidence,
+    whole: EffectFit,
+    recordings: tuple[Recording, ...],
+    before: EffectFit,
+    after: EffectFit,
+) -> UnknownEvidence:
+    """Judge named effects by what generic laws, alone or beside them, explain of what they leave on other shots.
+
+    Args:
+        problem: Scene and priors.
+        evidence: The evidence so far.
+        whole: Fit of the named effects to all shots.
+        recordings: Selection shots.
+        before: Fit of the simulator to fitting shots.
+        after: Fit of the named effects to fitting shots.
+
+    Returns:
+        The evidence with the probability of an imitation, else with the share of generic laws.
+    """
+    if evidence.effect_count > 1:  # several effects may imitate one law, as the terms of a series do
+        law_share, is_better = _measure_generic_law_shares(problem, whole, recordings, after, before)
+        if law_share > MIN_LAW_SHARE and 2 * sum(is_better) > len(is_better):
             return replace(evidence, imitation_probability=(sum(is_better) + 1) / (len(is_better) + 2))
-    share = _measure_generic_law_shares(problem, full, second, after, after)[0]
-    return replace(evidence, generic_law_share=share)
+    law_share = _measure_generic_law_shares(problem, whole, recordings, after, after)[0]
+    return replace(evidence, generic_law_share=law_share)
 
 
 def _measure_generic_law_shares(

@@ -93,7 +93,7 @@ def measure_excess_acceleration(
         Accelerations of all pieces; none where every window is too short.
     """
     fitted = fit_pieces(problem, fitted, rows)
-    correlated = np.sqrt((1 + problem.correlation) / (1 - problem.correlation))
+    correlated = np.sqrt((1 + problem.noise.correlation) / (1 - problem.noise.correlation))
     measured: list[tuple[FloatArray, float, int, float, FloatArray, FloatArray, FloatArray]] = []
     for segment, start in zip(fitted.segments, fitted.starts, strict=True):
         path = problem.scene.predict_positions(segment, start, fitted.shared, fitted.forms)

@@ -112,7 +112,7 @@ def _measure_bodies(
     is_free = np.isin(np.array(covariates.phase), _FREE_PHASES)
     rows, bodies = np.nonzero(segment.is_observed)
     # the noise of neighbouring frames may be correlated, and an acceleration is an average over many frames
-    factor = float(np.sqrt((1 + problem.correlation) / (1 - problem.correlation)))
+    factor = float(np.sqrt((1 + problem.noise.correlation) / (1 - problem.noise.correlation)))
     for body, name in enumerate(segment.bodies):
         own = np.flatnonzero(bodies == body)
         if not len(own):

@@ -203,7 +203,7 @@ def build_oracle(scene: GapScene, recordings: tuple[Recording, ...]) -> Oracle:
     """
     split = split_shots(recordings)
     noise = estimate_noise((*split.fitting, *split.selection))
-    question = build_diagnosis_problem(scene, noise.correlation)
+    question = build_diagnosis_problem(scene, noise)
     opened = apply_noise_estimate((*split.fitting, *split.selection), noise)
     return Oracle(question, noise, opened, split.holdout, fit_adaptively(question, opened))
 

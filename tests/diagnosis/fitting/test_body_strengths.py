@@ -15,6 +15,7 @@ from diagnosis.diagnose import diagnose
 from diagnosis.fitting.body_strengths import estimate_common_prior, split_bodies
 from diagnosis.fitting.diagnosis_windows import fit_initial_windows
 from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem
+from diagnosis.fitting.shot_preparation import WHITE_NOISE
 from diagnosis.verdicts.verdict import DiagnosisReport
 from models.core.recording import Recording
 from models.estimation.gap_scenes.flight_scene import build_flight_scene
@@ -110,7 +111,8 @@ def test_a_smooth_path_is_fitted_as_well_without_measures_against_jumps() -> Non
     throws = tuple(throw(shot, {body: drag}, rng) for shot, (body, drag) in enumerate(DRAGS.items()))
     jumpy = replace(FLIGHT, is_smooth=False)
     smooth, careful = (
-        fit_initial_windows(build_diagnosis_problem(scene, 0.0), throws, ("air_drag",)) for scene in (FLIGHT, jumpy)
+        fit_initial_windows(build_diagnosis_problem(scene, WHITE_NOISE), throws, ("air_drag",))
+        for scene in (FLIGHT, jumpy)
     )
     assert smooth.cost == pytest.approx(careful.cost, rel=1e-4)
     np.testing.assert_allclose(smooth.shared, careful.shared, rtol=1e-3)

@@ -17,6 +17,7 @@ from diagnosis.fitting.diagnosis_windows import (
     thin_out_windows,
 )
 from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem, linearize_fit
+from diagnosis.fitting.shot_preparation import WHITE_NOISE
 from models.core.recording import Recording
 from models.core.tracks import TABLE_PLANE
 from models.estimation.gap_scenes.billiards_scene import build_billiards_scene
@@ -29,7 +30,7 @@ def test_a_body_that_was_seen_at_the_beginning_alone_is_no_stumbling_block() -> 
     places += rng.normal(0, 1e-3, places.shape)
     places[10:, 1] = np.nan
     recording = Recording(0, np.arange(90), t, ("a", "b"), places, np.full((90, 2), 1e-3), TABLE_PLANE)
-    fitted = fit_adaptively(build_diagnosis_problem(Pucks(), 0.0), (recording,))
+    fitted = fit_adaptively(build_diagnosis_problem(Pucks(), WHITE_NOISE), (recording,))
     assert all((segment.is_observed.sum(axis=0) >= 2).all() for segment in fitted.segments)
 
 
@@ -37,7 +38,7 @@ def test_a_misfit_of_many_sigmas_that_is_small_against_the_motion_splits_nothing
     t, rng = np.arange(90) / 30, np.random.default_rng(5)
     places = np.stack([0.3 * t, 0.05 * np.sin(4 * t)], axis=1)[:, None] + rng.normal(0, 1e-4, (90, 1, 2))
     recording = Recording(0, np.arange(90), t, ("a",), places, np.full((90, 1), 1e-4), TABLE_PLANE)
-    fitted = fit_initial_windows(build_diagnosis_problem(Pucks(), 0.0), (recording,))
+    fitted = fit_initial_windows(build_diagnosis_problem(Pucks(), WHITE_NOISE), (recording,))
     assert fitted.lack_of_fit > 60**2  # far more than 30 standard deviations, far less than the motion of 9000
     assert len(fitted.segments) == 1
 
@@ -65,7 +66,7 @@ def test_missing_frames_show_also_where_a_window_would_begin_after_them(lost_aft
     shots = tuple(record_rolling_ball(shot, lost_after, 4) for shot in range(3))
     scene = build_billiards_scene(TABLE, shots)
     assert {round(60 * t) for _, t, _ in scene.jumps} == {lost_after}
-    problem = build_diagnosis_problem(scene, 0.0)
+    problem = build_diagnosis_problem(scene, WHITE_NOISE)
     fitted = fit_initial_windows(problem, shots)
     information = linearize_fit(problem, fitted).shot_information.information
     (k,) = np.flatnonzero(problem.mask(("dropped_frames",)))
@@ -88,7 +89,7 @@ def test_long_recordings_keep_as_many_windows_as_decide() -> None:
     """They are spread over all recordings, each of which keeps one."""
     scene = SplitScene()
     shots = tuple(record_rolling_ball(shot, 0, 0, fps) for shot, fps in enumerate((240.0, 120.0, 12.0)))
-    problem = replace(build_diagnosis_problem(Pucks(), 0.0), scene=scene)
+    problem = replace(build_diagnosis_problem(Pucks(), WHITE_NOISE), scene=scene)
     kept = [scene.split_recording(one) for one in thin_out_windows(problem, shots, 12)]
     assert [len(scene.split_recording(one)) for one in shots] == [20, 10, 1]
     assert [len(one) for one in kept] == [8, 4, 1]

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 from support.pucks import Filming, film
 
 from diagnosis.fitting.shot_preparation import apply_noise_estimate, estimate_noise
@@ -24,14 +25,17 @@ def test_size_and_correlation_of_noise_are_found(correlation: float) -> None:
     assert abs(np.mean([one.correlation for one in estimates]) - correlation) < 0.08
 
 
-def test_an_estimated_correlation_states_its_error() -> None:
-    """Chance alone gives 0.35 to 0.65 for 0.5 in a few short shots."""
-    filming = Filming(shots=2, seconds=1.0, correlation=0.5)
+@pytest.mark.parametrize("correlation", [0.5, 0.8, 0.9])
+def test_an_estimated_correlation_states_its_error(correlation: float) -> None:
+    """Chance alone gives 0.35 to 0.65 for 0.5 in a few short shots, and more below than above 0.9."""
+    filming, rng = Filming(shots=2, seconds=1.0, correlation=correlation), np.random.default_rng(0)
     found = [estimate_noise(film(np.random.default_rng(seed), GLIDING, filming)) for seed in range(24)]
-    off = [(one.correlation - 0.5) / one.correlation_sigma for one in found if one.correlation > 0]
-    assert len(off) > 18
+    drawn = [one.correlation_estimate.draw(400, rng) for one in found if one.correlation_estimate is not None]
+    assert len(drawn) > 18
+    below = np.array([(correlations < correlation).mean() for correlations in drawn])
+    off = norm.ppf(np.clip(below, 0.001, 0.999))
     assert 0.6 < np.sqrt(np.mean(np.square(off))) < 1.5
-    assert np.median([one.correlation_sigma for one in found]) > 0.06
+    assert np.median([correlations.std() for correlations in drawn]) > 0.05
 
 
 def test_white_noise_is_seldom_called_correlated() -> None:

@@ -10,6 +10,7 @@ from support.simulated_shots import TABLE
 from diagnosis.fitting.diagnosis_windows import split_into_segments
 from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem, fit_effects
 from diagnosis.fitting.prediction_windows import build_prediction_windows, select_predictable
+from diagnosis.fitting.shot_preparation import WHITE_NOISE
 from models.core.recording import Recording
 from models.core.tracks import TABLE_PLANE
 from models.estimation.gap_scenes.billiards_scene import build_billiards_scene
@@ -29,7 +30,7 @@ def test_a_ball_that_is_recorded_only_while_it_moves_is_predicted_like_any_other
     thinned.positions[1:-1, 1] = np.nan
     firsts = []
     for shot in (whole, thinned):
-        problem = build_diagnosis_problem(build_billiards_scene(TABLE, (shot,)), 0.0)
+        problem = build_diagnosis_problem(build_billiards_scene(TABLE, (shot,)), WHITE_NOISE)
         windows = build_prediction_windows(problem, (shot,))
         firsts.append([float(one.segment.t[0]) for one in windows])
         assert all(one.segment.is_observed[: one.start_rows].any(axis=0).all() for one in windows)
@@ -42,7 +43,7 @@ def test_errors_of_what_was_not_observed_have_no_effect() -> None:
     whole = record_two_balls()
     thinned = replace(whole, positions=whole.positions.copy())
     thinned.positions[50::20, 1] = np.nan
-    problem = build_diagnosis_problem(build_billiards_scene(TABLE, (whole,)), 0.0)
+    problem = build_diagnosis_problem(build_billiards_scene(TABLE, (whole,)), WHITE_NOISE)
     like = fit_effects(problem, split_into_segments(problem, (whole,)))
     selected = []
     for sigma in (thinned.sigma, np.where(thinned.is_observed, thinned.sigma, np.nan)):

@@ -18,7 +18,7 @@ from diagnosis.fitting.hypothesis_fits import (
     linearize_fit,
     select_best_starts,
 )
-from diagnosis.fitting.shot_preparation import apply_noise_estimate, estimate_noise
+from diagnosis.fitting.shot_preparation import WHITE_NOISE, apply_noise_estimate, estimate_noise
 from diagnosis.selection.effect_selection import effect_p_value, fit_without_effect, needs_all_effects
 from diagnosis.selection.hypotheses import EffectSearch, Hypothesis
 from diagnosis.selection.unknown_effects import estimate_explained_share
@@ -31,7 +31,7 @@ PLAIN = {"friction.mu": 0.02}
 
 def fit_plain(*truths: dict[str, float]) -> tuple[DiagnosisProblem, EffectFit]:
     """Fit the simulator alone to two shots of each truth."""
-    problem, shots = build_diagnosis_problem(Pucks(), 0.0), list[Recording]()
+    problem, shots = build_diagnosis_problem(Pucks(), WHITE_NOISE), list[Recording]()
     for truth in truths:
         filmed = film(np.random.default_rng(len(shots)), truth, Filming(shots=2))
         shots += [replace(one, shot=len(shots) + k) for k, one in enumerate(filmed)]

@@ -17,11 +17,11 @@ from diagnosis.fitting.hypothesis_fits import (
     fit_effects,
     fit_start_states,
 )
-from diagnosis.fitting.shot_preparation import apply_noise_estimate, estimate_noise
+from diagnosis.fitting.shot_preparation import WHITE_NOISE, apply_noise_estimate, estimate_noise
 from diagnosis.fitting.window_continuation import adopt_better_starts, find_unreachable_shots, restart_poor_shots
 from models.core.recording import Recording
 
-PROBLEM = build_diagnosis_problem(Pucks(), 0.0)
+PROBLEM = build_diagnosis_problem(Pucks(), WHITE_NOISE)
 
 
 def shots() -> tuple[Recording, ...]:

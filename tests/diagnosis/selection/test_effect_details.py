@@ -10,6 +10,7 @@ from support.simulated_shots import SIGMA, TABLE, numbers, opening
 
 from diagnosis.fitting.diagnosis_windows import fit_initial_windows
 from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem, fit_effects
+from diagnosis.fitting.shot_preparation import WHITE_NOISE
 from diagnosis.selection.effect_selection import find_substitutes, fit_without_effect, propose_hypotheses
 from diagnosis.selection.hypotheses import EffectSearch, Hypothesis, compute_hypothesis_signatures
 from diagnosis.selection.hypothesis_trials import (
@@ -39,7 +40,7 @@ def simulate_search(laws: ContactModels | None = None, **truth: float) -> Effect
         xy = run.states_at(t)[..., :2]
         xy = xy + SIGMA * rng.normal(size=xy.shape)
         shots.append(Recording(seed, np.arange(60), t, ("a", "b", "c"), xy, np.full(xy.shape[:2], SIGMA), TABLE_PLANE))
-    problem = build_diagnosis_problem(build_billiards_scene(TABLE, tuple(shots)), 0.0)
+    problem = build_diagnosis_problem(build_billiards_scene(TABLE, tuple(shots)), WHITE_NOISE)
     base = fit_initial_windows(problem, tuple(shots))
     return EffectSearch(problem, Hypothesis(frozenset(), base), simulator_fit=base)
 

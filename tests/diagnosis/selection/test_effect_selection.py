@@ -13,7 +13,7 @@ from support.pucks import Filming, Pucks, film
 
 from diagnosis.fitting.diagnosis_windows import split_into_segments
 from diagnosis.fitting.hypothesis_fits import EffectFit, build_diagnosis_problem, fit_effects
-from diagnosis.fitting.shot_preparation import apply_noise_estimate, estimate_noise
+from diagnosis.fitting.shot_preparation import WHITE_NOISE, apply_noise_estimate, estimate_noise
 from diagnosis.selection.effect_selection import (
     REFITS_PER_STEP,
     find_substitutes,
@@ -33,7 +33,7 @@ TRUTH = {"friction.mu": 0.02, "slope.slope_x": 2.0, "slope.slope_y": -1.0, "air_
 
 
 def test_windows_grow_only_once_nothing_more_is_asked_for() -> None:
-    problem = build_diagnosis_problem(Pucks(), 0.0)
+    problem = build_diagnosis_problem(Pucks(), WHITE_NOISE)
     filmed = film(np.random.default_rng(1), TRUTH, Filming(shots=8, fps=30))
     recordings = apply_noise_estimate(filmed, estimate_noise(filmed))
     whole = split_into_segments(problem, recordings)
@@ -56,7 +56,7 @@ def test_windows_grow_only_once_nothing_more_is_asked_for() -> None:
 
 def test_sets_that_share_an_effect_do_not_crowd_out_what_stands_in_for_it() -> None:
     """Short paths hardly separate viscous from quadratic drag; further effects beside the first are chance."""
-    problem = build_diagnosis_problem(Pucks(), 0.0)
+    problem = build_diagnosis_problem(Pucks(), WHITE_NOISE)
     filmed = film(np.random.default_rng(2), {"friction.mu": 0.02, "viscous_drag.k": 0.2}, Filming(shots=6, seconds=0.5))
     base = Hypothesis(
         frozenset(),
@@ -73,7 +73,7 @@ def test_sets_that_share_an_effect_do_not_crowd_out_what_stands_in_for_it() -> N
 
 
 def test_an_effect_of_no_strength_is_not_needed_whatever_a_lost_window_costs_without_it() -> None:
-    problem = build_diagnosis_problem(Pucks(), 0.0)
+    problem = build_diagnosis_problem(Pucks(), WHITE_NOISE)
     for drag, wanted in ((0.2, True), (0.0, False)):
         filmed = film(np.random.default_rng(3), {"friction.mu": 0.02, "viscous_drag.k": drag}, Filming(shots=6))
         base = fit_effects(problem, split_into_segments(problem, apply_noise_estimate(filmed, estimate_noise(filmed))))
@@ -90,7 +90,7 @@ def test_another_law_needs_no_strength_of_what_it_leaves_open(p_value: float, is
 
     One search in a hundred may need a model by chance.
     """
-    problem = build_diagnosis_problem(build_billiards_scene(TABLE_PRESETS["pool-9ft"], ()), 0.0)
+    problem = build_diagnosis_problem(build_billiards_scene(TABLE_PRESETS["pool-9ft"], ()), WHITE_NOISE)
     t = np.arange(30) / 60
     segments = (
         Recording(0, np.arange(30), t, ("cue",), np.outer(t, (1.0, 0.5))[:, None], np.full((30, 1), 1e-3), TABLE_PLANE),

@@ -6,12 +6,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from support.pucks import FRICTION, SLOPE, Effect, Filming, Gliding, Pucks, film, one
+from support.pucks import AIR_DRAG, FRICTION, SIDEWAYS, SLOPE, Effect, Filming, Gliding, Pucks, film, one
 
 from diagnosis.fitting.diagnosis_windows import split_into_segments
 from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem, fit_effects
-from diagnosis.fitting.shot_preparation import apply_noise_estimate, estimate_noise
-from diagnosis.selection.effect_selection import propose_hypotheses
+from diagnosis.fitting.shot_preparation import WHITE_NOISE, apply_noise_estimate, estimate_noise
+from diagnosis.selection.effect_selection import (
+    REFITS_PER_STEP,
+    fit_without_effect,
+    needs_all_effects,
+    propose_hypotheses,
+)
 from diagnosis.selection.hypotheses import EffectSearch, Hypothesis
 from diagnosis.selection.hypothesis_trials import try_hypothesis
 from models.core.recording import Recording
@@ -51,7 +56,7 @@ def search_bent_pucks(side: float, slope: Effect = SLOPE) -> EffectSearch:
     """Begin a search with pucks whose sideways force is uphill from its bound."""
     low, high = sorted((0.0, 3.0 * side))
     bent = Effect("sideways", (one("c", "1/s", 1.0, low, high),), (0.0,))
-    problem = build_diagnosis_problem(BentPucks((FRICTION, slope, bent), side=side), 0.0)
+    problem = build_diagnosis_problem(BentPucks((FRICTION, slope, bent), side=side), WHITE_NOISE)
     truth = {"friction.mu": 0.02, "sideways.c": STRENGTH * (STRENGTH - 1)}
     filmed = film(np.random.default_rng(1), truth, Filming(shots=4))
     base = fit_effects(problem, split_into_segments(problem, apply_noise_estimate(filmed, estimate_noise(filmed))))
@@ -69,13 +74,36 @@ def test_an_effect_that_begins_uphill_from_its_bound_is_found_beyond_the_hill(si
     assert fitted.lack_of_fit < 1.2 < stuck.lack_of_fit
 
 
+@pytest.mark.parametrize("refits", [0, REFITS_PER_STEP])
 @pytest.mark.parametrize("partners", [(), ("sideways",)])
 def test_a_partner_that_its_bound_keeps_absent_is_tried_beside_what_is_named(
-    partners: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+    partners: tuple[str, ...], refits: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """To first order the pucks ask for less than no sideways force, so that others come first."""
+    """To first order the pucks ask for less than no sideways force; where no other is there, it ranks nevertheless."""
     search = search_bent_pucks(1.0, replace(SLOPE, partners=partners))
-    monkeypatch.setattr("diagnosis.selection.effect_selection.REFITS_PER_STEP", 0)
+    monkeypatch.setattr("diagnosis.selection.effect_selection.REFITS_PER_STEP", refits)
     slope = try_hypothesis(search, frozenset({"slope"}), search.base)
-    assert propose_hypotheses(search, slope) == [frozenset({"slope", name}) for name in partners]
-    assert search.with_blocked_partners == {frozenset({"slope", name}) for name in partners}
+    proposed = propose_hypotheses(search, slope)
+    assert (frozenset({"slope", "sideways"}) in proposed) >= bool(partners)
+    assert len(proposed) == len(set(proposed))
+    assert search.blocked_pairs == {frozenset({"slope", name}) for name in partners}
+
+
+def test_of_effects_that_trade_strength_each_must_explain_a_share_of_what_remains_without_it() -> None:
+    """The slope explains a quarter of what is left beside the sideways force, and little of all that the simulator
+    lacks; the lens remains."""
+    generic = replace(AIR_DRAG, kind="probe")
+    problem = build_diagnosis_problem(Pucks((FRICTION, SLOPE, SIDEWAYS, generic)), WHITE_NOISE)
+    truth = {"friction.mu": 0.02, "sideways.c": 0.6, "slope.slope_x": 2.0, "lens_distortion.k1": 0.01}
+    filmed = film(np.random.default_rng(2), truth, Filming(shots=6))
+    segments = split_into_segments(problem, apply_noise_estimate(filmed, estimate_noise(filmed)))
+    search = EffectSearch(problem, Hypothesis(frozenset(), base := fit_effects(problem, segments)), simulator_fit=base)
+    both = try_hypothesis(search, frozenset({"slope", "sideways"}), search.base)
+    rest, without = both.fitted.lower_excess_cost, fit_without_effect(search, both, "slope")
+    gain = without.cost - both.fitted.cost
+    assert 0.1 * without.lower_excess_cost < gain < min(rest, 0.04 * base.lower_excess_cost)
+    assert not needs_all_effects(search, both)
+    search.blocked_pairs.add(frozenset({"slope", "other"}))
+    assert not needs_all_effects(search, both)
+    search.blocked_pairs.add(both.names)
+    assert needs_all_effects(search, both)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,9 @@ from support.reference_frames import PLANE
 
 from diagnosis.diagnose import diagnose
 from diagnosis.fitting.gap_closure import UNKNOWN_CLOSURE, GapClosure
+from diagnosis.fitting.hypothesis_fits import COARSE_FIT, EffectFit, build_diagnosis_problem, fit_effects
+from diagnosis.fitting.shot_preparation import WHITE_NOISE
+from diagnosis.selection.study import judge_by_generic_laws
 from diagnosis.selection.unknown_effects import SUSPICIOUS_P_VALUE, UnknownEvidence, min_selection_gain
 from diagnosis.verdicts.candidate_probabilities import put_answer_first
 from diagnosis.verdicts.verdict import DiagnosisReport
@@ -144,6 +148,39 @@ def test_several_effects_are_no_answer_where_one_generic_law_alone_explains_what
     assert unknown.probability == pytest.approx(0.75, abs=0.01)
     noise = replace(imitated, residual_p_value=0.5, residual_scale=1.0, agreement_p_value=0.5)
     assert not replace(noise, imitation_probability=0.75).is_unknown
+
+
+def judge_drags(costs: list[tuple[float, float]], monkeypatch: pytest.MonkeyPatch, names: int = 2) -> UnknownEvidence:
+    """Judge named drags whose costs of selection shots are given: those that they leave, and those of generic laws."""
+    shots = throws("air_drag.k", np.full(len(costs), 0.2))
+    problem = build_diagnosis_problem(FLIGHT, WHITE_NOISE)
+    before = fit_effects(problem, shots, (), options=COARSE_FIT)
+    after = replace(before, names=("air_drag", "viscous_drag")[:names])
+
+    def fit_start_states(_: object, segments: tuple[Recording, ...], like: EffectFit, *__: object) -> object:
+        excess = [costs[one.shot]["brake_over_speed" in like.names] for one in segments]
+        return SimpleNamespace(cost=sum(excess), systematic_cost=sum(excess))
+
+    monkeypatch.setattr("diagnosis.selection.study.fit_start_states", fit_start_states)
+    monkeypatch.setattr(
+        "diagnosis.selection.study.fit_effects",
+        lambda problem, segments, names, *_: replace(before, names=names),
+    )
+    evidence = UnknownEvidence(1e-9, 5.0, 1e-9, 0.99, 0.9, effect_count=names)
+    return judge_by_generic_laws(problem, evidence, after, shots, before, after)
+
+
+def test_generic_laws_alone_unmask_an_imitation_where_they_explain_most_shots_better(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    better = judge_drags([(1000.0, 10.0), (50.0, 40.0), (50.0, 60.0)], monkeypatch)
+    assert better.imitation_probability == pytest.approx(3 / 5)
+    assert better.is_unknown
+    few = judge_drags([(1000.0, 10.0), (50.0, 60.0)], monkeypatch)
+    assert few.imitation_probability == 0
+    assert few.generic_law_share == pytest.approx(980 / 1050)
+    assert judge_drags([(10.0, 9.0)] * 3, monkeypatch).imitation_probability == 0, "they explain little"
+    assert judge_drags([(1000.0, 10.0)] * 3, monkeypatch, names=1).imitation_probability == 0, "one effect is a law"
 
 
 def test_shots_that_lose_from_an_effect_speak_for_another_one() -> None:

@@ -11,6 +11,7 @@ import pytest
 from support.reference_frames import PLANE
 
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, build_diagnosis_problem, fit_effects
+from diagnosis.fitting.shot_preparation import WHITE_NOISE
 from diagnosis.unexplained.free_stretches import FreeStretch, find_free_stretches
 from diagnosis.unexplained.local_patch import LocalPatch, find_local_patch, fit_outside_patch, locate_patch
 from models.core.constants import GRAVITY
@@ -80,7 +81,7 @@ def fit_simulator(brake: Brake, seed: int) -> tuple[DiagnosisProblem, EffectFit]
         t, places, _ = move_body(brake, shot, rng)
         rows = np.arange(len(t))
         shots.append(Recording(shot, rows, t, ("body",), places[:, None], np.full((len(t), 1), NOISE), PLANE))
-    problem = build_diagnosis_problem(build_sliding_scene(("sliding_friction",)), 0.0)
+    problem = build_diagnosis_problem(build_sliding_scene(("sliding_friction",)), WHITE_NOISE)
     return problem, fit_effects(problem, tuple(shots))
 
 
@@ -167,7 +168,7 @@ def test_motion_that_is_alike_everywhere_has_no_patch(brake: Brake) -> None:
 
 def test_stretches_hold_the_missing_acceleration_over_all_windows() -> None:
     _, base = fit_simulator(plain, 2)
-    problem = build_diagnosis_problem(build_sliding_scene(), 0.0)
+    problem = build_diagnosis_problem(build_sliding_scene(), WHITE_NOISE)
     stretches = find_free_stretches(problem, fit_effects(problem, base.segments))
     assert len(stretches) == SHOTS
     for stretch in stretches:
@@ -187,7 +188,7 @@ def test_a_ball_that_rolls_is_a_stretch_of_free_motion() -> None:
     scene = build_billiards_scene(
         TABLE_PRESETS["carom-match"], (shot,), simulator_effects=("sliding_friction", "rolling_resistance")
     )
-    problem = build_diagnosis_problem(scene, 0.0)
+    problem = build_diagnosis_problem(scene, WHITE_NOISE)
     # two windows, of which the second begins anew from the observations
     fitted = fit_effects(problem, (shot.select_rows(0, 25), shot.select_rows(25, 50)))
     less = np.where(problem.mask(("rolling_resistance",)), fitted.shared - 0.005, fitted.shared)

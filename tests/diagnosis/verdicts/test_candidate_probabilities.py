@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from diagnosis.fitting.hypothesis_fits import ShotInformation, build_diagnosis_problem
+from diagnosis.fitting.shot_preparation import WHITE_NOISE
 from diagnosis.verdicts.candidate_probabilities import flip_gains, flip_signs
 from models.core.typing import FloatArray
 from models.estimation.gap_scenes.sliding_scene import build_sliding_scene
 
 SHOTS = 9
-PROBLEM = build_diagnosis_problem(build_sliding_scene(("sliding_friction",)), 0.0)
+PROBLEM = build_diagnosis_problem(build_sliding_scene(("sliding_friction",)), WHITE_NOISE)
 FREE = PROBLEM.mask(("sliding_friction",))
 
 

@@ -8,12 +8,13 @@ import numpy as np
 from support.pucks import Filming, Pucks, film
 
 from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem, fit_effects
+from diagnosis.fitting.shot_preparation import WHITE_NOISE
 from diagnosis.verdicts.candidate_probabilities import summarize_strengths
 from diagnosis.verdicts.diagnosis_report import list_missed_strengths
 
 
 def test_a_strength_that_no_shot_told_is_marked_and_others_are_not() -> None:
-    problem = build_diagnosis_problem(Pucks(), 0.0)
+    problem = build_diagnosis_problem(Pucks(), WHITE_NOISE)
     filmed = film(np.random.default_rng(3), {"friction.mu": 0.02}, Filming(shots=3))
     sharp, blind = (tuple(replace(one, sigma=np.full_like(one.sigma, m)) for one in filmed) for m in (1e-3, 1e3))
     nowhere = np.full(len(problem.priors), np.inf)
@@ -27,7 +28,7 @@ def test_a_strength_that_no_shot_told_is_marked_and_others_are_not() -> None:
 
 
 def test_only_the_strengths_that_shots_cannot_show_are_listed_where_each_may_be_missing_alone() -> None:
-    problem = build_diagnosis_problem(Pucks(), 0.0)
+    problem = build_diagnosis_problem(Pucks(), WHITE_NOISE)
     numbers = np.flatnonzero(problem.mask(("slope",)))
     names = tuple(problem.priors[k].name for k in numbers)
     is_missed = np.zeros(len(problem.priors), bool)

@@ -17,6 +17,7 @@ from diagnosis.fitting.hypothesis_fits import (
     fit_effects,
     linearize_fit,
 )
+from diagnosis.fitting.shot_preparation import WHITE_NOISE
 from diagnosis.selection.hypotheses import compute_signatures
 from diagnosis.verdicts.gap_localisation import design_detecting_experiment, design_unknown_experiment, localise_gap
 from models.core.recording import Recording
@@ -31,7 +32,7 @@ def shots() -> tuple[Recording, ...]:
 
 @pytest.fixture(scope="module")
 def problem() -> DiagnosisProblem:
-    return build_diagnosis_problem(Pucks(), 0.0)
+    return build_diagnosis_problem(Pucks(), WHITE_NOISE)
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +124,7 @@ def test_a_limit_of_inputs_is_shown_by_larger_inputs_and_not_by_more_of_the_same
 ) -> None:
     fit, linearized, residuals = base_fit
     catalogue = tuple(replace(one, name="saturation") if one.name == "air_drag" else one for one in Pucks().effects)
-    problem = build_diagnosis_problem(Pucks(effects=catalogue), 0.0)
+    problem = build_diagnosis_problem(Pucks(effects=catalogue), WHITE_NOISE)
     tiny = np.full(len(problem.priors), 1e-9)
     sentence = design_detecting_experiment(
         problem, linearized.shot_information, residuals, fit.free, tiny, ("saturation",), 1.0

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from support.noise_estimates import assume_correlation
 from support.reference_frames import PLANE
 
 from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem, fit_effects
@@ -61,7 +62,7 @@ def simulate_slide(shot: int) -> Recording:
 
 def fit_to_bytes(executor: Executor) -> list[bytes]:
     """Fit, and return all results as bytes."""
-    question = build_diagnosis_problem(build_sliding_scene(()), 0.3, executor)
+    question = build_diagnosis_problem(build_sliding_scene(()), assume_correlation(0.3), executor)
     shooting = fit_effects(
         question, tuple(simulate_slide(shot) for shot in range(3)), ("viscous_drag", "slope")
     ).shooting

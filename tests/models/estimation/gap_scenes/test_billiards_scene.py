@@ -9,6 +9,7 @@ from support.simulated_shots import SIGMA, TABLE, numbers, opening
 
 from diagnosis.fitting.diagnosis_windows import fit_adaptively, split_into_segments
 from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem, can_simulate, fit_effects
+from diagnosis.fitting.shot_preparation import WHITE_NOISE
 from diagnosis.selection.hypothesis_trials import find_added_effects
 from models.core.recording import Recording
 from models.core.tracks import TABLE_PLANE
@@ -146,10 +147,12 @@ def test_windows_grow_to_whole_shots_where_all_is_explained() -> None:
     absent = {"cushion_friction__mu": 0.0, "ball_friction__mu": 0.0}
     recordings = tuple(replace(simulate_recording(seed, numbers(**absent), 1.5), shot=seed) for seed in (5, 4))
     scene = build_billiards_scene(TABLE, recordings)
-    result = fit_adaptively(build_diagnosis_problem(scene, 0.0), recordings)
+    result = fit_adaptively(build_diagnosis_problem(scene, WHITE_NOISE), recordings)
     assert [piece.shot for piece in result.segments] == [5, 4]
     assert 0.8 < result.cost / result.value_count < 1.2
-    fitted = dict(zip((prior.name for prior in build_diagnosis_problem(scene, 0.0).priors), result.shared, strict=True))
+    fitted = dict(
+        zip((prior.name for prior in build_diagnosis_problem(scene, WHITE_NOISE).priors), result.shared, strict=True)
+    )
     assert abs(fitted["cushion_restitution.e"] - numbers()[SHOT_PARAMETERS.index("cushion_restitution.e")]) < 0.01
 
 
@@ -157,10 +160,10 @@ def test_windows_stay_short_where_a_contact_model_is_wrong() -> None:
     recordings = tuple(replace(simulate_recording(seed, numbers(), 1.5), shot=seed) for seed in (5, 4))
     lossless = ("rolling_resistance", "sliding_friction", "spin_decay", "ball_restitution")
     scene = build_billiards_scene(TABLE, recordings, simulator_effects=lossless)
-    result = fit_adaptively(build_diagnosis_problem(scene, 0.0), recordings)
+    result = fit_adaptively(build_diagnosis_problem(scene, WHITE_NOISE), recordings)
     assert len(result.segments) > 2
     assert sum(len(piece.t) for piece in result.segments) == sum(
-        len(one.t) for one in split_into_segments(build_diagnosis_problem(scene, 0.0), recordings)
+        len(one.t) for one in split_into_segments(build_diagnosis_problem(scene, WHITE_NOISE), recordings)
     )
 
 
@@ -169,7 +172,7 @@ def test_a_published_cushion_includes_the_friction_that_it_needs() -> None:
     recordings = tuple(
         replace(simulate_recording(seed, truth, 1.0, ContactModels("han_2005")), shot=seed) for seed in (5, 4)
     )
-    question = build_diagnosis_problem(build_billiards_scene(TABLE, recordings), 0.0)
+    question = build_diagnosis_problem(build_billiards_scene(TABLE, recordings), WHITE_NOISE)
     pieces = split_into_segments(question, recordings)
     with_friction = find_added_effects(question, frozenset({"cushion_law"}))
     assert with_friction == ("cushion_friction", "cushion_cloth")
@@ -195,7 +198,7 @@ def test_states_are_fitted_without_jacobians_that_they_do_not_need() -> None:
 def test_a_nap_that_would_accelerate_balls_is_impossible() -> None:
     """It may brake less in one direction than in the other, never accelerate."""
     shot = simulate_recording(5, numbers())
-    question = build_diagnosis_problem(build_billiards_scene(TABLE, (shot,)), 0.0)
+    question = build_diagnosis_problem(build_billiards_scene(TABLE, (shot,)), WHITE_NOISE)
     result = fit_effects(question, split_into_segments(question, (shot,)))
     names = [prior.name for prior in question.priors]
     resistance, nap = names.index("rolling_resistance.mu"), names.index("nap.mu")
@@ -208,7 +211,7 @@ def test_a_nap_that_would_accelerate_balls_is_impossible() -> None:
 def test_an_absent_height_of_the_cushion_is_that_of_each_contact_model() -> None:
     recordings = (simulate_recording(5, numbers(), 1.0),)
     mirror, han = (
-        build_diagnosis_problem(build_billiards_scene(TABLE, recordings, laws=ContactModels(law)), 0.0)
+        build_diagnosis_problem(build_billiards_scene(TABLE, recordings, laws=ContactModels(law)), WHITE_NOISE)
         for law in ("mirror", "han_2005")
     )
     height = [prior.name for prior in mirror.priors].index("cushion_height.ratio")
@@ -237,6 +240,7 @@ def test_the_height_of_a_cushion_shows_where_the_nose_rubs_or_leans() -> None:
 
 
 def test_a_parameter_that_a_contact_model_leaves_open_is_no_cause() -> None:
-    question = build_diagnosis_problem(build_billiards_scene(TABLE, (simulate_recording(5, numbers(), 1.0),)), 0.0)
+    scene = build_billiards_scene(TABLE, (simulate_recording(5, numbers(), 1.0),))
+    question = build_diagnosis_problem(scene, WHITE_NOISE)
     assert "cushion_cloth" not in question.candidates
     assert question.mask(("cushion_cloth",)).sum() == 1

@@ -11,6 +11,7 @@ import pytest
 from diagnosis.fitting.diagnosis_windows import fit_initial_windows
 from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem
 from diagnosis.fitting.prediction_windows import build_prediction_windows, select_predictable
+from diagnosis.fitting.shot_preparation import WHITE_NOISE
 from models.core.recording import Recording, ReferenceFrame
 from models.core.typing import FloatArray, IntArray
 from models.estimation.gap_scenes.mechanism_inputs import InputHistory
@@ -112,7 +113,7 @@ def test_a_joint_without_a_sensor_is_predicted_as_far_as_its_start_is_known(name
     rng = np.random.default_rng(0)
     seen = scene.predict_positions(recording, np.array([-0.2, -1.05, 0.7, -9.6]), scene.neutral, ())
     shot = replace(recording, positions=seen + 1e-3 * rng.standard_normal(seen.shape))
-    problem = build_diagnosis_problem(build_simulator_scene(scene.simulator, (shot,), scene.histories), 0.0)
+    problem = build_diagnosis_problem(build_simulator_scene(scene.simulator, (shot,), scene.histories), WHITE_NOISE)
     fitted = fit_initial_windows(problem, (shot,))
     windows = build_prediction_windows(problem, (shot,))
     chosen = select_predictable(problem, windows, fitted, rng)
