@@ -112,6 +112,7 @@ ROWS = (
     ("its place, px rms", "<= 1", lambda s: f"{np.sqrt(np.mean(np.square(s.off_px))):.2f}" if s.off_px else "-"),
     ("hits and bounces within a frame", ">= 95 %", lambda s: _share(s.events_found, s.events)),
     ("  extra", "<= 5 %", lambda s: _share(s.events_extra, s.events)),
+    ("touches of the net found / false", "", lambda s: f"{s.nets_found} of {s.nets} / {s.nets_false}"),
     ("landing error, median / 90 %, cm", "<= 5 / 15", lambda s: _quantiles(s.landing, 100)),
     ("  of the view", "x 1.3", lambda s: _quantiles(s.bound, 100)),
     ("  none stated", "", lambda s: str(s.landings_missed)),

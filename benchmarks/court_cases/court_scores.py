@@ -43,6 +43,11 @@ class RallyScore:
     events: int = 0
     events_found: int = 0
     events_extra: int = 0
+    nets: int = 0
+    """Touches of the net before the landing."""
+    nets_found: int = 0
+    nets_false: int = 0
+    """Touches held for more probable than not that did not happen."""
     landing: list[float] = field(default_factory=list)
     """m, errors of the landing place."""
     landings_missed: int = 0
@@ -150,24 +155,31 @@ def _score_events(truth: CourtTruth, answer: dict[str, Any]) -> dict[str, Any]:
         if is_hit(one) and stroke is not None and np.isfinite(other["speed"]):
             speed.append(abs(other["speed"] / stroke["speed"] - 1))
             speed_z.append((other["speed"] - stroke["speed"]) / max(other["speed_sigma"], 1e-9))
-    certain = [e for e in events if e["probability"] >= 0.99]
+    touches = [e for e in answer["events"] if e["probability"] >= 0.5 and e["kind"] == "net"]
+    certain = [e for e in events + touches if e["probability"] >= 0.99]
     every = truth.stated["events"]
-    false = [
-        e for e in certain
-        if not any(is_hit(e) == is_hit(o) and abs(e["t"] - o["t"]) * truth.fps <= CERTAIN_FRAMES for o in every)
-    ]  # fmt: skip
+    nets = [e for e in every if e["kind"] == "net" and not e.get("after")]
+    false = [e for e in certain if not any(_is_near(e, o, truth) for o in every)]
     call, is_in = answer["call"], truth.stated["ending"]["is_in"]
     called = max(call["in"], call["out"]) >= 0.99
     wrong = called and (call["in"] > call["out"]) != is_in
     return {
         "events": len(expected), "events_found": len(pairs), "events_extra": len(extra),
+        "nets": len(nets), "nets_found": sum(any(_is_near(e, o, truth) for e in touches) for o in nets),
+        "nets_false": sum(not any(_is_near(e, o, truth) for o in every) for e in touches),
         "speed": speed, "speed_z": speed_z,
         "certain": len(certain) + int(called), "certain_false": len(false) + int(wrong),
     }  # fmt: skip
 
 
+def _is_near(stated: dict[str, Any], other: dict[str, Any], truth: CourtTruth) -> bool:
+    """Check whether an event is of the same kind as a true one, ground, net or hit, and within some frames of it."""
+    is_same = is_hit(stated) == is_hit(other) and (stated["kind"] == "net") == (other["kind"] == "net")
+    return bool(is_same and abs(stated["t"] - other["t"]) * truth.fps <= CERTAIN_FRAMES)
+
+
 def is_hit(event: dict[str, Any]) -> bool:
-    """Check whether an event is a hit; the others are touches of the ground."""
+    """Check whether an event is a hit; the others are touches of the ground, or of the net."""
     return bool(event["kind"] == "hit")
 
 

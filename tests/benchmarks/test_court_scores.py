@@ -55,6 +55,17 @@ def make_answer(truth: CourtTruth) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def test_touches_of_the_net_are_counted(truth: CourtTruth) -> None:
+    answer = make_answer(truth)
+    touch = {**answer["events"][0], "kind": "net", "t": answer["events"][0]["t"] + 0.2}
+    answer["events"].append(touch)
+    score = score_answer(truth, answer)
+    assert (score.nets, score.nets_found, score.nets_false, score.certain_false) == (0, 0, 1, 1)
+    happened = replace(truth, stated={**truth.stated, "events": [*truth.stated["events"], touch]})
+    score = score_answer(happened, answer)
+    assert (score.nets, score.nets_found, score.nets_false, score.certain_false) == (1, 1, 0, 0)
+
+
 def test_the_truth_scores_perfectly(truth: CourtTruth) -> None:
     score = score_answer(truth, make_answer(truth))
     assert score.found == score.visible == score.candidate > 10

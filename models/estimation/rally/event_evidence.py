@@ -25,8 +25,13 @@ CONTACT_SPREAD = 0.02
 BOUNCE_SPREAD = (0.8, 0.3)
 # m, softness of the players' reach, and of the edges of the surroundings.
 REACH_SOFTNESS, SURROUNDINGS_SOFTNESS = 0.25, 1.0
-# Shares of the speed that the net leaves, as mean and standard deviation along and across.
-NET_SHARES = (0.15, 0.25)
+# m/s by which the velocity after a touch of the net is uncertain for a slow object, and which the net itself may give.
+NET_SPREAD = 0.5
+# Shares of the velocity that the net leaves, and by how much of the speed they are uncertain: its tape turns the object
+# up, down and back, below it nothing gets through. Where nothing pushes, friction takes anything from none to all.
+_TAPE, _BELOW, _SLIDE_ALONG = (0.15, 0.25), (0.0, 0.1), (0.5, 0.29)
+# m from the edge of the net down to which the tape reaches.
+_TAPE_WIDTH = 0.05
 # m, depth of the net as an obstacle: its tape gives way.
 NET_DEPTH = 0.08
 # Shares of the reach outside of which the density of hits, 6 u (1 - u) at a share u, falls no further: a racket seldom
@@ -113,6 +118,26 @@ def name_contact(sport: Sport) -> RallyEventKind:
     return "landing" if sport.object.restitution is None else "bounce"
 
 
+def turns_over(kind: RallyEventKind | None) -> bool:
+    """Check whether a shuttle turns over after an event: its nose does not point where it flies then."""
+    return kind not in ("bounce", "landing")
+
+
+def leave_net(velocity: FloatArray, place: FloatArray, sport: Sport) -> tuple[FloatArray, FloatArray]:
+    """Return the shares (n, 3) of velocities (n, 3) that the net leaves at places (n, 3), and the errors of them.
+
+    Returns:
+        Shares, and the standard deviations (n, 3) of the velocities after the touch, m/s.
+    """
+    edge = sport.net.height_at(place[:, 1], sport.width) - sport.object.radius - _TAPE_WIDTH
+    is_below, speed = (place[:, 2] < edge)[:, None], np.linalg.norm(velocity, axis=1)[:, None]
+    tape, below, along = _TAPE, _BELOW, _SLIDE_ALONG
+    left = np.where(is_below, [below[0], along[0], along[0]], [tape[0], along[0], tape[0]])
+    by_speed = np.where(is_below, [below[1], 0.0, 0.0], [tape[1], 0.0, tape[1]]) * speed
+    by_slide = np.where(is_below, [0.0, along[1], along[1]], [0.0, along[1], 0.0]) * np.abs(velocity)
+    return left, np.sqrt(by_speed**2 + by_slide**2 + NET_SPREAD**2)
+
+
 def contact_ranges(sport: Sport) -> tuple[Range, Range]:
     """Return the restitution and the retention of a contact with the ground; a shuttle hops and slides a little."""
     item = sport.object
@@ -160,6 +185,8 @@ def _weigh_kind(
         edge = sport.net.height_at(place[:, 1], sport.width)
         over = np.maximum(place[:, 2] - edge - sport.object.radius, 0.0)
         value -= 0.5 * over**2 / (deviation[:, 2] ** 2 + 0.03**2)
+        (slow, variance), (fast, other) = _find_speed(joint.v_a, joint.cov_a), _find_speed(joint.v_b, joint.cov_b)
+        value -= 0.5 * np.maximum(fast - slow, 0.0) ** 2 / (variance + other + NET_SPREAD**2)
     return value, t, locate_event(place[:, 0], deviation[:, 0], np.full(count, height < 0), sport)
 
 
@@ -215,13 +242,12 @@ def _state_constraint(
         extra[:, [4, 5], [4, 5]] += BOUNCE_SPREAD[0] ** 2
         extra[:, 6, 6] = (restitution.sigma * joint.v_a[:, 2]) ** 2 + BOUNCE_SPREAD[1] ** 2
     else:
-        left = np.full(3, NET_SHARES[0])
+        left, off = leave_net(joint.v_a, joint.p_b, sport)
         to_b[:, 3, 0] = 1.0
         more[:, 0], more_rate[:, 0] = joint.p_b[:, 0] - sport.length / 2, joint.v_b[:, 0]
         extra[:, 3, 3] = NET_DEPTH**2
-        speed = np.linalg.norm(joint.v_a, axis=1)
-        extra[:, [4, 5, 6], [4, 5, 6]] = ((NET_SHARES[1] * speed) ** 2 + 0.5**2)[:, None]
-    to_a[:, 4:, 3:] = -np.diag(left)
+        extra[:, [4, 5, 6], [4, 5, 6]] = off**2
+    to_a[:, [4, 5, 6], [3, 4, 5]] = -left
     more[:, 1:] = joint.v_b - left * joint.v_a
     spread = to_a @ joint.cov_a @ to_a.transpose(0, 2, 1) + to_b @ joint.cov_b @ to_b.transpose(0, 2, 1) + extra
     return np.hstack([gap, more]), np.hstack([rate, more_rate]), spread
@@ -240,6 +266,13 @@ def _weigh_hit(place: FloatArray, deviation: FloatArray, joint: _Joint, sport: S
     came_far = ndtr(joint.v_a[:, 0] / np.sqrt(joint.cov_a[:, 3, 3]))
     off -= 2 * (weigh_chance(is_near, to_far) + weigh_chance(came_far, 1 - to_far))
     return np.asarray(-0.5 * off)
+
+
+def _find_speed(velocity: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Find the speed (n,), m/s, and its variance."""
+    speed = np.linalg.norm(velocity, axis=1)
+    way = velocity / np.maximum(speed, 1e-6)[:, None]
+    return speed, np.einsum("ni,nij,nj->n", way, covariance[:, 3:, 3:], way)
 
 
 def weigh_chance(one: FloatArray, other: FloatArray) -> FloatArray:

@@ -21,10 +21,12 @@ from models.estimation.rally.event_evidence import (
     HIT_RATE,
     NET_DEPTH,
     NET_SHARE,
-    NET_SHARES,
+    NET_SPREAD,
     contact_ranges,
+    leave_net,
     limit_places,
     name_contact,
+    turns_over,
     weigh_chance,
 )
 from models.estimation.rally.flight_observations import (
@@ -95,8 +97,8 @@ class RallyStructure:
         return len(self.kinds)
 
     def turn_length(self, index: int, sport: Sport) -> float:
-        """Return the length of path, m, over which a flight turns over; 0 where it does not begin with a hit."""
-        return 0.0 if self.kinds[index] in ("bounce", "landing", "net") else sport.object.turn_length
+        """Return the length of path, m, over which a flight turns over; 0 where it does not."""
+        return sport.object.turn_length if turns_over(self.kinds[index]) else 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -314,8 +316,7 @@ class _Problem:
     def _add_observations(self, rows: IntArray, path: FlightPath, k: int, part: slice) -> None:
         observed = self.observed.select(rows)
         residual, by_place = compare_places(observed, path.states[:-1, :3])
-        turn_length = self.structure.turn_length(k, self.sport)
-        weight = weigh_by_law(by_place, path.states[:-1, :3], self.sport.object, turn_length)
+        weight = weigh_by_law(by_place, path.states[:-1, :3], self.sport.object)
         self.normalizer += 2 * float(np.log(weight).sum())
         residual, by_place = residual * weight[:, None], by_place * weight[:, None, None]
         factor, slope = bound_residuals(residual)
@@ -432,8 +433,13 @@ class _Problem:
         rate = np.concatenate([state[3:], acceleration])
         stated: list[tuple[FloatArray, FloatArray, float, float]] = []
 
-        def add(of_state: FloatArray, of_start: FloatArray, residual: float, sigma: float) -> None:
+        def limit(of_state: FloatArray, of_start: FloatArray, residual: float, sigma: float) -> None:
             stated.append((of_state, of_start, residual, sigma))
+
+        def add(of_state: FloatArray, of_start: FloatArray, residual: float, sigma: float) -> None:
+            limit(of_state, of_start, residual, sigma)
+            # what is known has a density; a limit, which says what cannot be, has none
+            self.normalizer -= float(np.log(sigma) + 0.5 * np.log(2 * np.pi))
 
         unit = np.eye(6)
         for axis in range(3):
@@ -462,10 +468,15 @@ class _Problem:
         else:
             add(0 * unit[0], unit[0], p[0] - sport.length / 2, NET_DEPTH)
             edge = float(sport.net.height_at(p[1:2], sport.width)[0]) + item.radius
-            add(0 * unit[0], unit[2] * (p[2] > edge), max(p[2] - edge, 0.0), _EDGE_SOFTNESS)
-            sigma = float(NET_SHARES[1] * np.linalg.norm(state[3:]) + 0.5)
-            for axis in (3, 4, 5):
-                add(-NET_SHARES[0] * unit[axis], unit[axis], p[axis] - NET_SHARES[0] * state[axis], sigma)
+            limit(0 * unit[0], unit[2] * (p[2] > edge), max(p[2] - edge, 0.0), _EDGE_SOFTNESS)
+            speeds = np.linalg.norm([state[3:], p[3:6]], axis=1)
+            ways = np.zeros((2, 6))
+            ways[:, 3:] = [state[3:], p[3:6]] / np.maximum(speeds, 1e-6)[:, None]
+            gain = max(float(speeds[1] - speeds[0]), 0.0)
+            limit(-ways[0] * (gain > 0), ways[1] * (gain > 0), gain, NET_SPREAD)
+            left, off = (row[0] for row in leave_net(state[None, 3:], p[None, :3], sport))
+            for axis, share, sigma in zip((3, 4, 5), left, off, strict=True):
+                add(-share * unit[axis], unit[axis], p[axis] - share * state[axis], float(sigma))
             self.normalizer += float(np.log(NET_SHARE * max(abs(state[3]), 0.05)))
         of_state, of_start, residual, sigmas = (np.array(column) for column in zip(*stated, strict=True))
         rows = np.zeros((len(stated), self.size))
@@ -476,4 +487,3 @@ class _Problem:
         rows[:, part.start : part.start + 6] = of_start
         self.rows.append(residual / sigmas)
         self.by.append(rows / sigmas[:, None])
-        self.normalizer -= float(np.log(sigmas).sum()) + 0.5 * len(stated) * float(np.log(2 * np.pi))

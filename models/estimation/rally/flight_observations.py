@@ -148,22 +148,21 @@ def compare_places(observed: FlightObservations, xyz: FloatArray) -> tuple[Float
     return residual, np.asarray(observed.whitening @ by)
 
 
-def weigh_by_law(by_place: FloatArray, xyz: FloatArray, item: FlyingObject, turn_length: float) -> FloatArray:
+def weigh_by_law(by_place: FloatArray, xyz: FloatArray, item: FlyingObject) -> FloatArray:
     """Compute by how much the errors of the law of flight lower the weight of observations.
 
     Args:
         by_place: (N, 2, 3) derivatives of residuals by places.
         xyz: (N, 3) m, places of one flight, in the order of time.
         item: The object.
-        turn_length: m of path over which it turns over; 0 where it does not.
 
     Returns:
         Factors (N,) on residuals and derivatives.
     """
     error = np.full(len(xyz), item.law_error)
-    if turn_length > 0:
+    if item.turn_length > 0:  # after whatever event, its nose points elsewhere than it flies
         steps = np.linalg.norm(np.diff(xyz, axis=0, prepend=xyz[:1]), axis=1)
-        error += item.turn_error * np.exp(-np.cumsum(steps) / turn_length)
+        error += item.turn_error * np.exp(-np.cumsum(steps) / item.turn_length)
     largest = np.linalg.norm(by_place, axis=2).max(axis=1, initial=0.0)
     return np.asarray(1 / np.sqrt(1 + (error * largest) ** 2))
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from models.core.court import Sport
 from models.core.typing import FloatArray
+from models.estimation.rally.event_evidence import turns_over
 from models.estimation.rally.flight_observations import FlightObservations
 from models.estimation.rally.flight_segmentation import FlightGuess, RallyHypothesis
 from models.estimation.rally.single_flight import Pin, SingleFlight, build_flight_prior, fit_single_flight
@@ -64,7 +65,7 @@ def align_flights(observed: FlightObservations, sport: Sport, hypothesis: RallyH
 
 def _fit_again(observed: FlightObservations, sport: Sport, guess: FlightGuess, pins: tuple[Pin, ...]) -> FlightGuess:
     part = observed.select(slice(guess.first, guess.last + 1))
-    turns, prior = guess.kind in (None, "hit"), build_flight_prior(sport)
+    turns, prior = turns_over(guess.kind), build_flight_prior(sport)
     best: SingleFlight | None = None
     for heading in (1.0, -1.0):
         flight = fit_single_flight(part, sport, prior, turns, heading, pins)

@@ -12,7 +12,7 @@ from models.core.court_camera import CourtScene
 from models.core.rally import BallCandidates, Flight, LandingHypothesis, Rally, RallyEvent, RallyEventKind
 from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.rally.event_chances import LOW_HIT, UNSEEN_START
-from models.estimation.rally.event_evidence import name_contact
+from models.estimation.rally.event_evidence import name_contact, turns_over
 from models.estimation.rally.flight_fit import RallyFit, assign_times, flight_slice, start_row
 from models.estimation.rally.flight_observations import bound_residuals, compare_places, weigh_by_law
 from models.estimation.rally.guided_association import GATE, Sight, observe_candidates
@@ -68,7 +68,7 @@ def _estimate_covariance(
         part, start = flight_slice(k), values[start_row(k, count)]
         path = fly(values[part], sight.observed.t[rows] - start, structure.turn_length(k, sport))
         residual, by_place = compare_places(sight.observed.select(rows), path.states[:, :3])
-        weight = weigh_by_law(by_place, path.states[:, :3], sport.object, structure.turn_length(k, sport))
+        weight = weigh_by_law(by_place, path.states[:, :3], sport.object)
         residual, by_place = residual * weight[:, None], by_place * weight[:, None, None]
         factor, slope = bound_residuals(residual)
         bounded = residual * factor[:, None]
@@ -141,9 +141,8 @@ def build_rally(
         to_fixed = np.eye(PARAMETER_COUNT, PARAMETER_COUNT + 1)
         at_start = fly(p, np.zeros(1), structure.turn_length(k, sport))
         to_fixed[:6, -1] = -np.concatenate([p[3:6], at_start.accelerations[0]])
-        turns = kind in (None, "hit")
-        flights.append(Flight(start, end, p, to_fixed @ block @ to_fixed.T, turns, chi2[k]))
-        if not structure.joined[k] and turns:
+        flights.append(Flight(start, end, p, to_fixed @ block @ to_fixed.T, turns_over(kind), chi2[k]))
+        if not structure.joined[k] and kind in (None, "hit"):
             event = _build_first_hit(scene, flights[-1], rally, interval)
             events += [replace(event, probability=event.probability * chances[k])] if event is not None else []
     events = _drop_tosses(flights, _drop_unknown_bounce(events, sight, fit), sport)

@@ -14,7 +14,7 @@ import numpy as np
 from models.core.court import Sport
 from models.core.rally import RallyEventKind
 from models.core.typing import BoolArray, FloatArray
-from models.estimation.rally.event_evidence import NET_DEPTH, contact_ranges, name_contact
+from models.estimation.rally.event_evidence import NET_DEPTH, contact_ranges, name_contact, turns_over
 from models.estimation.rally.flight_fit import (
     FULL_SEARCH,
     SHARED_COUNT,
@@ -84,8 +84,8 @@ class _Variant:
     structure: RallyStructure
     values: FloatArray
     """(P,) initial values."""
-    pins: dict[int, Pin] = field(default_factory=dict)
-    """Places of the events that move to the surface: the flights beside these are first fitted through them."""
+    pins: dict[int, Pin | None] = field(default_factory=dict)
+    """Places of the events that move, None where that is open: the flights beside these are first fitted alone."""
     heading: float = 0.0
     """Sign of the speed along the court with which only the flight after the event is first fitted; 0 for any."""
 
@@ -232,6 +232,7 @@ def _try_variants(
         key = (
             _describe_events(fit.structure, fit.values, first, stop),
             _describe_events(structure, variant.values, first, stop - fewer),
+            variant.heading,
         )
         if key not in past:
             past[key] = None
@@ -315,14 +316,14 @@ def _vary(observed: FlightObservations, sport: Sport, fit: RallyFit) -> Iterator
         if not structure.joined[k]:
             continue
         doubtful = is_short[k - 1] or is_short[k] or structure.kinds[k] == "net"
-        if structure.kinds[k] == "hit" and not doubtful:
+        if structure.kinds[k] == "hit":
             place, way = values[flight_slice(k)][[0, 3]]
             came = fly(values[flight_slice(k - 1)], starts[[k]] - starts[k - 1], structure.turn_length(k - 1, sport))
             # a player sends the object back, and to the other half; one camera may take either direction for the other
-            doubtful = bool(way * came.states[0, 3] > 0 or (place < sport.length / 2) != (way > 0))
-            if doubtful:
-                pin = Pin(float(starts[k]), values[flight_slice(k)][:3], np.full(3, _TURN_SIGMA))
+            if way * came.states[0, 3] > 0 or (place < sport.length / 2) != (way > 0):
+                doubtful, pin = True, Pin(float(starts[k]), values[flight_slice(k)][:3], np.full(3, _TURN_SIGMA))
                 yield _Variant(k, structure, values, {k: pin}, -float(np.sign(way)))
+                yield _Variant(k, structure, values, {k: None})
         if doubtful:
             yield _merge(fit, k, bool(sizes[k] > sizes[k - 1]), sport)
     for k in range(1, count):
@@ -365,12 +366,13 @@ def _flip(observed: FlightObservations, fit: RallyFit, k: int, sport: Sport) -> 
     if stated != "hit" or is_at_net:
         kinds = list(structure.kinds)
         kinds[k] = "net" if stated == "hit" else "hit"
-        yield _Variant(k, replace(structure, kinds=tuple(kinds)), fit.values)
+        # a net holds the flights beside it in its own depth, from where the fit does not find that of a player
+        yield _Variant(k, replace(structure, kinds=tuple(kinds)), fit.values, {k: None} if stated == "net" else {})
     # nobody plays on after a landing: what follows it are hops, and few
     if stated not in ("hit", "net") or (contact == "landing" and k < count - _LAST_EVENTS):
         return
     changed = [j for j in range(k, count) if j == k or (contact == "landing" and structure.kinds[j] != "landing")]
-    kinds, heights, pins = list(structure.kinds), structure.heights.copy(), dict[int, Pin]()
+    kinds, heights, pins = list(structure.kinds), structure.heights.copy(), dict[int, Pin | None]()
     for j in changed:
         pin = _find_contact(observed, fit, j, sport)
         if pin is None:
@@ -439,15 +441,21 @@ def _may_bounce(pin: Pin, place: FloatArray, sigma: float, sport: Sport) -> bool
 
 
 def _pin_flights(observed: FlightObservations, sport: Sport, variant: _Variant) -> FloatArray:
-    """Fit the flights beside the pinned events of a variant through their places; return all values."""
+    """Fit the flights beside the moved events of a variant alone, through their places; return all values."""
     structure, values, prior = variant.structure, variant.values.copy(), build_flight_prior(sport)
     rows_of = assign_times(observed.t, structure, values)
     flights = {j for k in variant.pins for j in (k - 1, k)} if variant.heading == 0 else {variant.event}
     for j in sorted(flights):
         if len(rows_of[j]) < 2:
             continue
-        part, turns = observed.select(rows_of[j]), structure.kinds[j] in (None, "hit")
-        pins = tuple(variant.pins[k] for k in (j, j + 1) if k in variant.pins)
+        part, turns = observed.select(rows_of[j]), turns_over(structure.kinds[j])
+        # the events on its other side stay about where they are
+        near = {
+            k: Pin(float(values[start_row(k, len(structure))]), values[flight_slice(k)][:3], np.full(3, _TURN_SIGMA))
+            for k in (j, j + 1)
+            if k < len(structure) and structure.joined[k]
+        }
+        pins = tuple(pin for pin in (variant.pins.get(k, near.get(k)) for k in (j, j + 1)) if pin is not None)
         flight = fit_single_flight(part, sport, prior, turns, variant.heading, pins)
         if flight is None:
             continue

@@ -142,7 +142,7 @@ def fit_single_flight(
         if not np.isfinite(path.states).all():
             return None
         residual, by_place = compare_places(observed, path.states[:, :3])
-        weight = weigh_by_law(by_place, path.states[:, :3], sport.object, turn_length)
+        weight = weigh_by_law(by_place, path.states[:, :3], sport.object)
         residual, by_place = residual * weight[:, None], by_place * weight[:, None, None]
         factor, slope = bound_residuals(residual, scale)
         below = np.minimum(path.states[:, 2] - sport.object.radius - sport.floor, 0.0) / _FLOOR_SOFTNESS
@@ -180,7 +180,7 @@ def fit_single_flight(
     evidence = -0.5 * best.cost - 0.5 * log_determinant
     path = fly(best.point, tau, turn_length)
     by_place = compare_places(observed, path.states[:, :3])[1]
-    evidence += 2 * float(np.log(weigh_by_law(by_place, path.states[:, :3], sport.object, turn_length)).sum())
+    evidence += 2 * float(np.log(weigh_by_law(by_place, path.states[:, :3], sport.object)).sum())
     return SingleFlight(best.point, invert_semidefinite(information), best.cost, evidence, path, turns)
 
 

@@ -158,7 +158,7 @@ def test_a_returned_stroke_states_where_it_would_have_landed(filmed: tuple[Clip,
 def test_the_last_stroke_lands_as_the_call_says(filmed: tuple[Clip, Rally]) -> None:
     rally = filmed[1]
     (landing,) = rally.landings
-    other = replace(landing, weight=0.45, place=landing.place + [0.0, 0.3, 0.0])
+    other = replace(landing, weight=0.45, place=landing.place + np.array([0.0, 0.3, 0.0]))
     rivals = replace(rally, landings=(replace(landing, weight=0.45), other), no_landing=0.1)
     call = summarize_strokes(rivals)[-1].call
     assert call is not None

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 
+from models.core.rally import RallyEventKind
 from models.core.typing import FloatArray
+from models.estimation.rally.event_evidence import NET_SPREAD, leave_net
 from models.estimation.rally.flight_fit import (
     RallyFit,
     RallyStructure,
@@ -22,7 +22,7 @@ from models.sports.table_tennis import SPORT as TABLE_TENNIS
 from tests.support.simple_rallies import usual_view
 
 TURN = SPORT.object.turn_length
-KINDS: tuple[Literal["hit"], ...] = ("hit", "hit")
+KINDS: tuple[RallyEventKind, ...] = ("hit", "hit")
 
 
 def state_flight(*state: float) -> FloatArray:
@@ -43,8 +43,13 @@ def film_flights(flights: list[FloatArray], moments: FloatArray) -> FlightObserv
     return prepare_observations(camera, np.arange(len(t)), t, px, np.zeros((len(t), 2)), np.full((len(t), 2), 0.7))
 
 
-def fit_from(observed: FlightObservations, flights: list[FloatArray], moments: FloatArray) -> RallyFit | None:
-    structure = RallyStructure(KINDS, (False, True), moments[:2], moments[1:], np.zeros(2))
+def fit_from(
+    observed: FlightObservations,
+    flights: list[FloatArray],
+    moments: FloatArray,
+    kinds: tuple[RallyEventKind, ...] = KINDS,
+) -> RallyFit | None:
+    structure = RallyStructure(kinds, (False, True), moments[:2], moments[1:], np.zeros(2))
     shared = flights[0][[6, 11, 10, 12]]
     return refine_fit(observed, SPORT, structure, np.concatenate([shared, *flights, moments[:2]]))
 
@@ -76,6 +81,43 @@ def test_a_shuttle_that_turns_over_is_not_more_slender_than_one_that_flies() -> 
     fit = fit_from(film_flights(flights, moments), flights, moments)
     assert fit is not None
     assert fit.values[2] > -0.2, "the drag of the turn-over that all flights share"
+
+
+def test_a_return_from_near_the_net_is_not_left_a_touch_of_it() -> None:
+    """A service is seen at its start, and the clear that answers it from 33 cm behind the net once it is on its way."""
+    service = state_flight(4.9, 2.7, 1.2, 5.0, -1.0, 4.0)
+    met = fly(service, np.array([0.6]), TURN).states[0, :3]
+    moments = np.array([0.0, 0.6, 1.7])
+    flights = [service, state_flight(*met, -14.0, 8.0, 11.0)]
+    seen = film_flights(flights, moments)
+    observed = seen.select(np.flatnonzero((seen.t < 0.1) | (seen.t > 0.7)))
+    fit = fit_from(observed, flights, moments, ("hit", "net"))
+    assert fit is not None
+    best = revise_structures(observed, SPORT, [fit])[0].best
+    assert best.structure.kinds == ("hit", "hit")
+
+
+def test_a_net_gives_no_speed() -> None:
+    service = state_flight(4.9, 2.7, 1.2, 5.0, -1.0, 4.0)
+    met = fly(service, np.array([0.6]), TURN).states[0, :3]
+    moments = np.array([0.0, 0.6, 1.7])
+    flights = [service, state_flight(*met, -14.0, 8.0, 11.0)]
+    seen = film_flights(flights, moments)
+    fit = fit_from(seen.select(np.flatnonzero((seen.t < 0.1) | (seen.t > 0.7))), flights, moments, ("hit", "net"))
+    assert fit is not None
+    first, second = (fit.values[flight_slice(k)] for k in (0, 1))
+    came = fly(first, fit.values[-1:] - fit.values[-2], TURN).states[0, 3:]
+    assert np.linalg.norm(second[3:6]) < np.linalg.norm(came) + 2 * NET_SPREAD
+
+
+def test_a_net_lets_nothing_through_and_pushes_nothing_aside() -> None:
+    velocity, height = np.array([[20.0, 3.0, -4.0]]), SPORT.net.height
+    (left, off), (below, stops) = (
+        leave_net(velocity, np.array([[6.7, 3.0, z]]), SPORT) for z in (height, height - 0.3)
+    )
+    assert off[0, 1] < 0.25 * off[0, 0], "nothing pushes along the net"
+    assert below[0, 0] * 20 + 2 * stops[0, 0] < 5, "the body of the net stops what flies into it"
+    assert left[0, 0] * 20 + 2 * off[0, 0] > 10, "its tape may let it pass"
 
 
 def test_a_bounce_on_the_floor_behind_a_table_is_not_left_on_the_table() -> None:
