@@ -13,8 +13,7 @@ from diagnosis.fitting.diagnosis_windows import MIN_ROWS, add_rest_observations,
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, fit_start_states
 from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray
-from models.estimation.gap_scenes.gap_scene import ContactRichScene
-from models.estimation.gap_scenes.simulator_scene import SimulatorScene
+from models.estimation.gap_scenes.gap_scene import ContactRichScene, PartlyObservedScene
 
 # Frames from which the start state is fitted.
 START_FRAMES = 15
@@ -138,7 +137,7 @@ def select_predictable(
     states = _fit_window_starts(problem, windows, like)
     windows = tuple(replace(one, start=start) for one, start in zip(windows, states.starts, strict=True))
     scene = problem.scene
-    has_hidden_joints = isinstance(scene, SimulatorScene) and bool(scene.hidden)
+    has_hidden_joints = isinstance(scene, PartlyObservedScene) and scene.hidden
     if not (isinstance(scene, ContactRichScene) or has_hidden_joints):
         return windows
     predictable, error = [], float(np.sqrt(like.lack_of_fit))

@@ -41,7 +41,7 @@ _MIN_FORM_SHARE = 0.75
 # Ratio to the cost of the near hypothesis from which better starts alone cannot help.
 _HOPELESS_COST_RATIO = 3.0
 # Multiples of the usual strength from which an effect is fitted that came to nothing at a bound: the usual one, and the
-# middle between it and a large one, ten times as large. From either alone, a rotor went astray.
+# middle between it and a large one, ten times as large. One start alone ends in a local minimum (recorded servo).
 _BLOCKED_STARTS = (1.0, 10**0.5)
 # Share of the natural strength up to which hidden states may have absorbed an effect.
 #
@@ -134,9 +134,10 @@ def _iterate_fits_from_usual_strengths(
         absent = np.any([mask & np.all((fitted.shared == neutral)[mask]) for mask in masks], axis=0)
         inward = absent * ((neutral == low).astype(float) - (neutral == high))
         if fitted.forms == near.fitted.forms and fitted.lack_of_fit > POOR_LACK_OF_FIT and inward.any():
-            for size in _BLOCKED_STARTS:
-                guess = problem.clip_to_bounds(fitted.shared + size * inward * sigma)
-                if can_simulate(problem, near.fitted, fitted.forms, guess):
+            guesses = [problem.clip_to_bounds(fitted.shared + size * inward * sigma) for size in _BLOCKED_STARTS]
+            for k, guess in enumerate(guesses):
+                is_repeated = k > 0 and np.array_equal(guess, guesses[k - 1])  # both beyond a bound
+                if not is_repeated and can_simulate(problem, near.fitted, fitted.forms, guess):
                     yield fit_effects(problem, fitted.segments, fitted.names, fitted.forms, guess, near.fitted.starts)
 
 

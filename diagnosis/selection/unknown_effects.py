@@ -59,8 +59,8 @@ class UnknownEvidence:
     """Share of the misfit of selection shots that a generic law, fitted to others, explains; NaN without such a law."""
     imitation_probability: float = 0.0
     """Probability that generic laws alone explain another shot better than several named effects do, by the rule of
-    succession; 0 where they explain less than `MIN_LAW_SHARE` of what these leave on selection shots, or do so in no more
-    than half of these."""
+    succession; 0 where they explain less than `MIN_LAW_SHARE` of what these leave on selection shots, or no more than
+    half of these shots better."""
     gap: GapState = "unmeasured"
     """Whether selection shots are predicted worse than noise explains, without the effects."""
     effect_count: int = 1

@@ -165,6 +165,15 @@ class ContactRichScene(Protocol):
         """
 
 
+@runtime_checkable
+class PartlyObservedScene(Protocol):
+    """A scene that may have joints without a sensor."""
+
+    @property
+    def hidden(self) -> tuple[int, ...]:
+        """Joints without a sensor, whose start other joints hardly tell; empty where there are none."""
+
+
 def neutral_values(scene: GapScene, forms: tuple[str, ...] | None = None) -> FloatArray:
     """Collect the parameter values of a catalogue with every effect absent.
 

@@ -43,9 +43,9 @@ class Scale:
     joint_unit: str = ""
     """rad or m, of the joint that an input acts on; its speed is `speed`."""
     middle: float = 0.0
-    """Of all positions of a joint."""
+    """Middle of the recorded range, rad or m."""
     reach: float = 1.0
-    """Largest distance from the middle."""
+    """Half of that range."""
     drive: float = 0.0
     """Typical force of the actuators on the joint: where a strong one moves a light joint, friction may be as large."""
 
@@ -102,7 +102,7 @@ class MechanismEffect:
     dry: JointLaw | None = None
     """Size of a force against the motion that does not vanish with the speed; it holds a joint that it stops."""
     force: JointLaw | None = None
-    """Force on each joint; of a probe, over position from the middle in reaches, and speed in typical ones."""
+    """Force on each joint; a generic law (a probe) takes (position - `middle`) / `reach` and speed / typical speed."""
     needs_simulator: bool = False
     """Whether only a simulator that has the quantity itself can apply it."""
     needs_small_inputs: bool = False

@@ -1,7 +1,9 @@
 """A Python function as a simulator under diagnosis: `MODULE:FUNCTION`, (state, inputs, dt) -> state.
 
 The state is an array of all positions, then all velocities. What the names of the columns of a recording leave open may
-stand as attributes of the function: `coordinates`, `units`, `inputs`, and `time_step`, its longest step in s.
+stand as attributes of the function: `coordinates`, `units`, `inputs`, `time_step`, its longest step in s, and
+`velocity_lag`, the time in s by which its velocities lag behind its positions: half a step where it moves positions by
+the new velocities (semi-implicit Euler), else 0.
 """
 
 from __future__ import annotations
@@ -64,7 +66,11 @@ def read_function(name: str, columns: Sequence[Joint]) -> FunctionSimulator:
     step = getattr(call, "time_step", _USUAL_TIME_STEP)
     if not isinstance(step, int | float) or not 0 < step < float("inf"):
         raise OptionError(f"{name}.time_step is a number of seconds above 0; got {step}")
-    return FunctionSimulator(module, function, joints, _read_names(call, name, "inputs"), float(step))
+    lag = getattr(call, "velocity_lag", 0.0)
+    if not isinstance(lag, int | float) or not 0 <= lag <= step:
+        raise OptionError(f"{name}.velocity_lag is a number of seconds from 0 to its time step; got {lag}")
+    inputs = _read_names(call, name, "inputs")
+    return FunctionSimulator(module, function, joints, inputs, float(step), float(lag))
 
 
 def _read_names(call: object, name: str, attribute: str) -> tuple[str, ...]:
@@ -98,15 +104,20 @@ class FunctionSimulator:
 
     takes_forces = False
     last_mass = 1.0
-    velocity_lag = 0.0
     own_effects: Mapping[str, tuple[float, ...]] = MappingProxyType({})
     drives: tuple[Drive, ...] = ()
 
     def __init__(
-        self, module: str, function: str, joints: tuple[Joint, ...], inputs: tuple[str, ...], time_step: float
+        self,
+        module: str,
+        function: str,
+        joints: tuple[Joint, ...],
+        inputs: tuple[str, ...],
+        time_step: float,
+        velocity_lag: float,
     ) -> None:
         self.module, self.function = module, function
-        self.joints, self.inputs, self.time_step = joints, inputs, time_step
+        self.joints, self.inputs, self.time_step, self.velocity_lag = joints, inputs, time_step, velocity_lag
         self.servo_joints = (-1,) * len(inputs)
         self.rest = np.zeros(2 * len(joints))
         self.failure = ""
@@ -114,11 +125,13 @@ class FunctionSimulator:
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
         """Pickle the name of the function, which another process imports."""
-        return _import_again, (str(Path.cwd()), self.module, self.function, self.joints, self.inputs, self.time_step)
+        own = self.module, self.function, self.joints, self.inputs, self.time_step, self.velocity_lag
+        return _import_again, (str(Path.cwd()), *own)
 
     def halve_step(self) -> FunctionSimulator:
         """Return the simulator with half its step."""
-        return FunctionSimulator(self.module, self.function, self.joints, self.inputs, self.time_step / 2)
+        step, lag = self.time_step / 2, self.velocity_lag / 2
+        return FunctionSimulator(self.module, self.function, self.joints, self.inputs, step, lag)
 
     def begin(
         self, starts: FloatArray, values: Sequence[EffectValues], powered: BoolArray, shots: IntArray, t: FloatArray

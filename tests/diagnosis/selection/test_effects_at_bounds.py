@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
 from support.pucks import AIR_DRAG, FRICTION, SIDEWAYS, SLOPE, Effect, Filming, Gliding, Pucks, film, one
 
 from diagnosis.fitting.diagnosis_windows import split_into_segments
-from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem, fit_effects
+from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, build_diagnosis_problem, fit_effects
 from diagnosis.fitting.shot_preparation import WHITE_NOISE, apply_noise_estimate, estimate_noise
 from diagnosis.selection.effect_selection import (
     REFITS_PER_STEP,
@@ -52,9 +53,9 @@ class BentGliding(Gliding):
         return linear
 
 
-def search_bent_pucks(side: float, slope: Effect = SLOPE) -> EffectSearch:
+def search_bent_pucks(side: float, slope: Effect = SLOPE, most: float = 3.0) -> EffectSearch:
     """Begin a search with pucks whose sideways force is uphill from its bound."""
-    low, high = sorted((0.0, 3.0 * side))
+    low, high = sorted((0.0, most * side))
     bent = Effect("sideways", (one("c", "1/s", 1.0, low, high),), (0.0,))
     problem = build_diagnosis_problem(BentPucks((FRICTION, slope, bent), side=side), WHITE_NOISE)
     truth = {"friction.mu": 0.02, "sideways.c": STRENGTH * (STRENGTH - 1)}
@@ -87,6 +88,24 @@ def test_a_partner_that_its_bound_keeps_absent_is_tried_beside_what_is_named(
     assert (frozenset({"slope", "sideways"}) in proposed) >= bool(partners)
     assert len(proposed) == len(set(proposed))
     assert search.blocked_pairs == {frozenset({"slope", name}) for name in partners}
+
+
+@pytest.mark.parametrize(("most", "starts"), [(3.0, [1.0, 3.0]), (0.8, [0.8])])
+def test_each_start_from_a_usual_strength_is_fitted_once(
+    most: float, starts: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Bounds may cut both to the same."""
+    search, tried = search_bent_pucks(1.0, most=most), list[float]()
+    column = search.problem.mask(("sideways",))
+
+    def record(problem: DiagnosisProblem, segments: object, *given: Any) -> EffectFit:
+        if len(given) == 4:  # neither a coarse fit, which has options, nor from a coarse fit at the bound
+            tried.extend(value for value in given[2][column] if value > 0)
+        return replace(search.base.fitted, names=given[0])
+
+    monkeypatch.setattr("diagnosis.selection.hypothesis_trials.fit_effects", record)
+    try_hypothesis(search, frozenset({"sideways"}), search.base)
+    assert tried == starts
 
 
 def test_of_effects_that_trade_strength_each_must_explain_a_share_of_what_remains_without_it() -> None:

@@ -112,15 +112,16 @@ def test_errors_of_a_patch_hold() -> None:
     assert np.median([np.linalg.norm(one.centre - CENTRE) for one in patches]) < 0.25 * RADIUS
 
 
-def test_a_patch_whose_place_the_paths_leave_open_is_not_stated() -> None:
+@pytest.mark.parametrize(("aside", "is_stated"), [(0.0, False), (0.02, False), (0.06, True)])
+def test_a_patch_whose_place_the_paths_leave_open_is_not_stated(aside: float, is_stated: bool) -> None:
+    """The same motion along two lines on either side of a patch: from nearly one line, nobody sees where it lies."""
     turned = []
-    for one in draw_stretches(0):
-        # the same motion along one line, from which nobody sees on which side of it the patch lies
+    for k, one in enumerate(draw_stretches(0)):
         along = (one.position - CENTRE) @ one.velocity[0] / np.linalg.norm(one.velocity[0])
-        place = CENTRE + np.outer(along, [1.0, 0.0])
+        place = CENTRE + np.outer(along, [1.0, 0.0]) + np.array([0.0, aside * (-1) ** k])
         velocity = np.outer(np.linalg.norm(one.velocity, axis=1), [1.0, 0.0])
         turned.append(replace(one, position=place, residual=place, velocity=velocity))
-    assert locate_patch(tuple(turned), np.random.default_rng(0)) is None
+    assert (locate_patch(tuple(turned), np.random.default_rng(0)) is not None) == is_stated
 
 
 def test_a_weak_patch_stands_out_of_the_chance_of_all_its_neighbours() -> None:

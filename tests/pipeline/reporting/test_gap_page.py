@@ -493,7 +493,7 @@ def test_maps_before_and_after_have_the_same_colours_and_large_errors_on_top() -
 
 
 def test_the_first_panel_states_what_is_wrong_in_the_file_and_the_last_notes_how_a_log_was_read(tmp_path: Path) -> None:
-    shots = MechanismShots(FunctionSimulator("math", "cos", (), (), 0.01), (), {}, ("q is elbow",), {})
+    shots = MechanismShots(FunctionSimulator("math", "cos", (), (), 0.01, 0.0), (), {}, ("q is elbow",), {})
     diagnosis = replace(
         report("none"),
         scene="mechanism",

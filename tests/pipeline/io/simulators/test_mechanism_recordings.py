@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from models.core.errors import OptionError
+from models.estimation.gap_scenes.outside_simulator import Joint
+from pipeline.io.simulators.function_simulator import read_function
 from pipeline.io.simulators.mechanism_recordings import read_mechanism_shots
 
 PENDULUM = """<mujoco><option timestep="0.002"/><worldbody><body>
@@ -197,6 +199,7 @@ def test_a_function_is_tried_before_it_is_used(
         ("raise SystemExit('bye')", "SystemExit: bye"), ("1 / 0", "ZeroDivisionError"), ("def step(:", "SyntaxError"),
         ("step = 3", "is a int"), ("def step(s, i, dt): return s\nstep.coordinates = 3", "coordinates is a tuple"),
         ("def step(s, i, dt): return s\nstep.time_step = float('inf')", "time_step is a number"),
+        ("def step(s, i, dt): return s\nstep.velocity_lag = 0.01", "velocity_lag is a number"),
     ],
 )  # fmt: skip
 def test_a_module_that_cannot_be_used_is_refused(
@@ -206,6 +209,15 @@ def test_a_module_that_cannot_be_used_is_refused(
     (tmp_path / f"{module}.py").write_text(text)
     monkeypatch.syspath_prepend(str(tmp_path))
     assert part in refuse(write(tmp_path, "t,q,u", swing_rows()), f"{module}:step")
+
+
+def test_a_function_states_how_far_its_velocities_lag_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    text = "def step(s, i, dt): return s\nstep.time_step, step.velocity_lag = 0.004, 0.002"
+    (tmp_path / "lagging.py").write_text(text)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    simulator = read_function("lagging:step", (Joint("q", "rad"),))
+    assert pickle.loads(pickle.dumps(simulator)).velocity_lag == simulator.velocity_lag == 0.002
+    assert simulator.halve_step().velocity_lag == 0.001
 
 
 def test_a_recorded_simulation_is_read_as_a_simulator(tmp_path: Path):
