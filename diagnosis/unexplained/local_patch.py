@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 from scipy.stats import chi2
@@ -35,6 +35,9 @@ _MAP_STEP, _MAP_RADII = 0.02, (0.04, 0.06, 0.09, 0.13, 0.18, 0.27, 0.4)
 _RADIUS_SHARE, _RADIUS_SPREAD = 0.2, 0.7
 # Number of numbers that describe a patch: place, radius, strength.
 _PATCH_NUMBERS = 4
+# p-value of a patch of the same place and size without any one of the stretches: a patch is a place, and what a single
+# stretch shows may be a contact that the model missed.
+_LEAST_SUPPORT = 0.05
 # Maps of chance alone, from which a map learns how many independent discs it is worth: to a quarter, as the median of
 # these has a rank of 0.5 +- 0.08, and a p-value is proportional to the number.
 _CHANCE_MAPS = 39
@@ -105,6 +108,8 @@ def locate_patch(stretches: tuple[FreeStretch, ...], rng: np.random.Generator) -
     model = likely.model
     if likely.gain < model.misfit - NOISE_COST_LIMITS[1] * model.system.freedom:
         return None
+    if not all(_shows_patch(rest, likely) for rest in combinations(stretches, len(stretches) - 1)):
+        return None
     posterior = _PatchPosterior(model.system, likely.inflation, likely.strength_scale)
     values = posterior.sample(posterior.improve(likely.chains, rng), rng)
     (x, y, radius, strength), (x_sigma, y_sigma, radius_sigma, strength_sigma) = values.mean(axis=0), values.std(axis=0)
@@ -122,6 +127,8 @@ class _FieldChoice:
     """The common fields that motion needs, by the Bayesian information criterion (Schwarz 1978)."""
 
     system: _StretchSystem
+    columns: tuple[int, ...]
+    """Their numbers."""
     misfit: float
     """chi2 with them."""
     criterion: float
@@ -134,8 +141,10 @@ class _PatchHypothesis:
 
     model: _FieldChoice
     """The fields that are needed beside the patch."""
+    disc: FloatArray
+    """(1, 3) the best one."""
     chains: FloatArray
-    """(N, 3) x, y and the logarithm of the radius, near the best disc."""
+    """(N, 3) x, y and the logarithm of the radius, near it."""
     inflation: float
     """Factor on the variance of the noise."""
     strength_scale: float
@@ -173,7 +182,14 @@ def _suppose_patch(
     beside = _choose_fields(bare, fields, inflation, disc)
     won = max(_choose_fields(bare, fields, inflation, disc[:0]).criterion - beside.criterion, 0.0)
     p_value = _patch_p_value(won, inflation, count)
-    return _PatchHypothesis(beside, chains, inflation, posterior.strength_scale, won, p_value)
+    return _PatchHypothesis(beside, disc, chains, inflation, posterior.strength_scale, won, p_value)
+
+
+def _shows_patch(stretches: tuple[FreeStretch, ...], likely: _PatchHypothesis) -> bool:
+    """Return whether stretches show a patch of the place and size of a hypothesis, see `_LEAST_SUPPORT`."""
+    bare, fields = _build_system(stretches)
+    gain = bare.add_fields(fields[..., list(likely.model.columns)]).measure_gains(likely.disc)[0][0]
+    return bool(chi2.sf(gain / likely.inflation, 1) < _LEAST_SUPPORT)
 
 
 def _patch_p_value(gain: float, inflation: float, count: float) -> float:
@@ -349,7 +365,9 @@ def _choose_fields(system: _StretchSystem, fields: FloatArray, inflation: float,
             break
         columns.remove(idle)
         misfit = least
-    return _FieldChoice(system.add_fields(fields[..., columns]), misfit, misfit + penalty * len(columns))
+    return _FieldChoice(
+        system.add_fields(fields[..., columns]), tuple(columns), misfit, misfit + penalty * len(columns)
+    )
 
 
 def _is_smooth_across(stretch: FreeStretch) -> bool:
