@@ -9,7 +9,7 @@ from pathlib import Path
 from diagnosis.diagnose import diagnose, explain_insufficient_data
 from diagnosis.fitting.diagnosis_windows import fit_initial_windows, thin_out_windows
 from diagnosis.fitting.display_names import format_parameter
-from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem
+from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem, fit_effects
 from diagnosis.fitting.shot_preparation import apply_noise_estimate, estimate_noise, split_shots
 from diagnosis.selection.hypotheses import ProgressCallback, SearchOutlook, ignore_progress
 from diagnosis.selection.hypothesis_trials import CLEAR_GAIN
@@ -133,7 +133,8 @@ def _doubt_time_step(
     noise, finer = estimate_noise(shots), replace(scene, simulator=simulator.halve_step())
     problems = [build_diagnosis_problem(one, noise, executor) for one in (scene, finer)]
     used = thin_out_windows(problems[0], apply_noise_estimate(shots, noise), ENOUGH_WINDOWS)
-    whole, half = (fit_initial_windows(one, used) for one in problems)
+    whole = fit_initial_windows(problems[0], used)
+    half = fit_effects(problems[1], whole.segments, guess=whole.shared, starts=whole.starts)
     if not whole.cost - half.cost > max(CLEAR_GAIN, _STEP_SHARE * whole.lower_excess_cost):
         return ()
     return (
