@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import combinations, pairwise
+from itertools import combinations
 
 import numpy as np
 from scipy.stats import chi2
@@ -33,14 +33,11 @@ _MAP_STEP, _MAP_RADII = 0.02, (0.04, 0.06, 0.09, 0.13, 0.18, 0.27, 0.4)
 # Usual radius as a share of that extent, and the standard deviation of its logarithm: a local patch is smaller than the
 # plane, and paths along one side of it hardly tell how far it reaches.
 _RADIUS_SHARE, _RADIUS_SPREAD = 0.2, 0.7
-# Number of numbers that describe a patch: place, radius, strength.
-_PATCH_NUMBERS = 4
 # p-value of a patch of the same place and size without any one of the stretches: a patch is a place, and what a single
 # stretch shows may be a contact that the model missed.
 _LEAST_SUPPORT = 0.05
-# Maps of chance alone, from which a map learns how many independent discs it is worth: to a quarter, as the median of
-# these has a rank of 0.5 +- 0.08, and a p-value is proportional to the number.
-_CHANCE_MAPS = 39
+# Number of numbers that describe a patch: place, radius, strength.
+_PATCH_NUMBERS = 4
 # p-value below which the motion across the direction of a stretch is no parabola: the model missed a contact in it.
 _MISSED_CONTACT_P_VALUE = 1e-5
 # Standard deviations by which the places of a body that moves differ at least.
@@ -86,7 +83,8 @@ def find_local_patch(problem: DiagnosisProblem, fitted: EffectFit, rng: np.rando
         rng: Random generator of the samples.
 
     Returns:
-        The patch; None where no disc is significant, where it leaves more than it explains, or where its place is open.
+        The patch; None where no disc is significant, where it leaves more than it explains, where its place is open, or
+        where it rests on one stretch.
     """
     return locate_patch(find_free_stretches(problem, fitted), rng)
 
@@ -170,8 +168,8 @@ def _suppose_patch(
     discs = _list_discs(bare.position)
     gain, information = system.measure_gains(discs)
     first = int(np.argmax(gain))
-    # each disc is tried beside two choices of fields
-    count = 2 * system.count_independent(discs, information, rng)
+    # a disc that hardly changes the paths explains nothing; each is tried beside two choices of fields
+    count = 2 * int((information > 0).sum())
     if _patch_p_value(float(gain[first]), 1.0, count) > PATCH_SIGNIFICANCE:
         return None
     best = discs[np.argsort(-gain)[:_CHAINS]]
@@ -192,9 +190,9 @@ def _shows_patch(stretches: tuple[FreeStretch, ...], likely: _PatchHypothesis) -
     return bool(chi2.sf(gain / likely.inflation, 1) < _LEAST_SUPPORT)
 
 
-def _patch_p_value(gain: float, inflation: float, count: float) -> float:
-    """Return the probability that the best of `count` independent discs, of free strength, gains as much by chance."""
-    return correct_for_choices(float(chi2.sf(gain / inflation, 1)), count)
+def _patch_p_value(gain: float, inflation: float, count: int) -> float:
+    """Return the probability that the best of `count` discs gains as much by chance."""
+    return correct_for_choices(float(chi2.sf(gain / inflation, _PATCH_NUMBERS)), count)
 
 
 def fit_outside_patch(problem: DiagnosisProblem, base: EffectFit, best: EffectFit, patch: LocalPatch) -> EffectFit:
@@ -265,16 +263,12 @@ class _StretchSystem:
         """Degrees of freedom of the residuals."""
         return int(2 * (len(self.t) - 2 * (len(self.first) - 1)) - self.common_basis.shape[2])
 
-    def score(self, discs: FloatArray, residuals: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
-        """Return the information (C,) on the strengths of discs (C, 3), and those strengths times it (C, R).
-
-        They follow from R `residuals` (K, 2, R), or from those of the system (R = 1).
-        """
-        given = self.residual[..., None] if residuals is None else residuals
-        weight, pull = np.zeros(len(discs)), np.zeros((len(discs), given.shape[2]))
+    def score(self, discs: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the information (C,) on the strengths of discs (C, 3), and those strengths times it (C,)."""
+        weight, pull = np.zeros(len(discs)), np.zeros(len(discs))
         _score_discs(
             np.ascontiguousarray(discs), self.first, self.t, self.position, self.heading, self.weight,
-            self.start_basis, self.common_basis, np.ascontiguousarray(given), weight, pull,
+            self.start_basis, self.common_basis, self.residual, weight, pull,
         )  # fmt: skip
         return np.maximum(weight, 0.0), pull
 
@@ -291,35 +285,7 @@ class _StretchSystem:
         """Return the decrease of chi2 (C,) by discs (C, 3) of the best strength, and its information (C,) or 0."""
         information, pull = self.score(discs)
         information = np.where(information > _LEAST_SHARE * information.max(initial=0.0), information, 0.0)
-        return np.divide(
-            np.square(pull[:, 0]), information, out=np.zeros(len(discs)), where=information > 0
-        ), information
-
-    def count_independent(self, discs: FloatArray, information: FloatArray, rng: np.random.Generator) -> float:
-        """Count the independent discs that a map is worth, as discs that overlap gain together.
-
-        Args:
-            discs: (C, 3)
-            information: (C,) of them, 0 where a disc explains nothing.
-            rng: Random generator of the chance maps.
-
-        Returns:
-            The number of independent discs of which the best gains by chance, in the median, as the best of the map.
-        """
-        # the errors of stretches already hold what noise over several rows does
-        drawn = rng.standard_normal((*self.residual.shape, _CHANCE_MAPS))
-        for begin, end in pairwise(self.first):
-            basis, part = self.start_basis[begin:end], drawn[begin:end].reshape(end - begin, -1)
-            drawn[begin:end] -= (basis @ (basis.T @ part)).reshape(drawn[begin:end].shape)
-        flat = drawn.reshape(-1, _CHANCE_MAPS)
-        axes = self.common_basis.reshape(len(flat), -1)
-        flat = flat - axes @ (axes.T @ flat)
-        used = information > 0
-        if not used.any():
-            return 1.0
-        pull = self.score(discs[used], flat.reshape(drawn.shape))[1]
-        best = np.median((np.square(pull) / information[used, None]).max(axis=0))
-        return max(float(np.log(0.5) / chi2.logcdf(best, 1)), 1.0)
+        return np.divide(np.square(pull), information, out=np.zeros(len(discs)), where=information > 0), information
 
 
 def _build_system(stretches: tuple[FreeStretch, ...]) -> tuple[_StretchSystem, FloatArray]:
@@ -404,10 +370,7 @@ def _common_fields(stretch: FreeStretch) -> list[FloatArray]:
 
 @compile_kernel
 def _score_discs(discs, first, t, position, heading, weight, start_basis, common, residual, information, pull):  # type: ignore[no-untyped-def]
-    """Fill information (C,) and pull (C, R) of discs (C, 3): x, y, radius; other arrays as in `_StretchSystem`.
-
-    The residuals (K, 2, R) are those of R draws.
-    """
+    """Fill information and pull (C,) of discs (C, 3): x, y, radius; other arrays as in `_StretchSystem`."""
     longest = 0
     for m in range(len(first) - 1):
         longest = max(longest, first[m + 1] - first[m])
@@ -451,8 +414,7 @@ def _score_discs(discs, first, t, position, heading, weight, start_basis, common
                 for axis in range(2):
                     value = place[i, axis]
                     information[k] += value * value
-                    for n in range(residual.shape[2]):
-                        pull[k, n] += value * residual[start + i, axis, n]
+                    pull[k] += value * residual[start + i, axis]
                     for n in range(len(shares)):
                         shares[n] += value * common[start + i, axis, n]
         for n in range(len(shares)):
@@ -498,7 +460,7 @@ class _PatchPosterior:
         extent, place = _measure_extent(self.system.position), self.system.position
         weight, pull = self.system.score(_to_discs(numbers))
         information = weight / self.inflation + self.strength_scale**-2
-        strength = pull[:, 0] / self.inflation / information
+        strength = pull / self.inflation / information
         away = (numbers[:, 2] - np.log(_RADIUS_SHARE * extent)) / _RADIUS_SPREAD
         density = 0.5 * (information * strength**2 - np.log(information * self.strength_scale**2) - away**2)
         low, high = place.min(axis=0) - extent, place.max(axis=0) + extent
