@@ -33,9 +33,6 @@ _MAP_STEP, _MAP_RADII = 0.02, (0.04, 0.06, 0.09, 0.13, 0.18, 0.27, 0.4)
 # Usual radius as a share of that extent, and the standard deviation of its logarithm: a local patch is smaller than the
 # plane, and paths along one side of it hardly tell how far it reaches.
 _RADIUS_SHARE, _RADIUS_SPREAD = 0.2, 0.7
-# p-value of a patch of the same place and size without any one of the stretches: a patch is a place, and what a single
-# stretch shows may be a contact that the model missed.
-_LEAST_SUPPORT = 0.05
 # Number of numbers that describe a patch: place, radius, strength.
 _PATCH_NUMBERS = 4
 # p-value below which the motion across the direction of a stretch is no parabola: the model missed a contact in it.
@@ -184,10 +181,13 @@ def _suppose_patch(
 
 
 def _shows_patch(stretches: tuple[FreeStretch, ...], likely: _PatchHypothesis) -> bool:
-    """Return whether stretches show a patch of the place and size of a hypothesis, see `_LEAST_SUPPORT`."""
+    """Return whether stretches, without the one that may show most of it, show a patch of a given place and size.
+
+    What a single stretch shows may be a contact that the model missed.
+    """
     bare, fields = _build_system(stretches)
     gain = bare.add_fields(fields[..., list(likely.model.columns)]).measure_gains(likely.disc)[0][0]
-    return bool(chi2.sf(gain / likely.inflation, 1) < _LEAST_SUPPORT)
+    return bool(chi2.sf(gain / likely.inflation, 1) < PATCH_SIGNIFICANCE)
 
 
 def _patch_p_value(gain: float, inflation: float, count: int) -> float:
