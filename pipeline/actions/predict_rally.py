@@ -61,7 +61,7 @@ def state_flight_prediction(rally: Rally, seconds: float, at: float | None) -> t
     t = last if at is None else at
     if not first + LEAST_PAST_S <= t <= last:
         raise OptionError(
-            f"lies within what was seen, {first + LEAST_PAST_S:.3f} to {last:.3f} s; got {t:g}", option="at"
+            f"must lie within what was seen, {first + LEAST_PAST_S:.3f} to {last:.3f} s; got {t:g}", option="at"
         )
     past = rally if t == last else explain_past(rally, t)
     if not past.flights:

@@ -123,7 +123,7 @@ def forecast_from(
     first, last = float(tracks.t[0]), float(tracks.t[-1])
     t = last if at is None else at
     if not first <= t <= last:
-        raise OptionError(f"lies within what was seen, {first:.3f} to {last:.3f} s; got {t:g}", option="at")
+        raise OptionError(f"must lie within what was seen, {first:.3f} to {last:.3f} s; got {t:g}", option="at")
     times = _list_prediction_times(tracks, t, seconds)
     shots: list[Shot] = []
 

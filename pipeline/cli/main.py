@@ -53,14 +53,15 @@ def _exit_at_once(number: int, frame: FrameType | None) -> NoReturn:
 
 
 def _exit_cleanly(number: int, frame: FrameType | None) -> NoReturn:
-    """Exit with all clean-up after SIGTERM."""
-    sys.exit(128 + number)
+    """Exit with all clean-up after SIGTERM, `number` being that signal or the alarm that repeats it."""
+    sys.exit(128 + signal.SIGTERM)
 
 
 def _raise_interrupt_again(unraisable: sys.UnraisableHookArgs) -> None:
-    """Raise an interrupt again that came within a finaliser, where Python ignores it."""
-    if unraisable.exc_type is KeyboardInterrupt and hasattr(signal, "setitimer"):
-        signal.signal(signal.SIGALRM, signal.default_int_handler)
+    """Raise an interrupt, or the exit of SIGTERM, again that came within a finaliser, where Python ignores it."""
+    handlers = {KeyboardInterrupt: signal.default_int_handler, SystemExit: _exit_cleanly}
+    if unraisable.exc_type in handlers and hasattr(signal, "setitimer"):
+        signal.signal(signal.SIGALRM, handlers[unraisable.exc_type])
         signal.setitimer(signal.ITIMER_REAL, RERAISE_S)
     else:
         sys.__unraisablehook__(unraisable)

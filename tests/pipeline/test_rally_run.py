@@ -222,7 +222,7 @@ def test_the_height_over_the_net_has_an_error(courts: Home) -> None:
         (("call", "landing", "--singles", "--doubles"), "with one of --singles"),
         (("call", "landing", "mixed"), "badminton has the areas"),
         (("call", "net", "--singles"), "got 'net --singles'"),
-        (("predict", "--at", "99"), "--at lies within what was seen, 0.500"),
+        (("predict", "--at", "99"), "--at must lie within what was seen, 0.500"),
         (("what-if",), "holds a rally of badminton"),
         (("edit", "--no-browser"), "holds a rally, which the page does not correct; write what is wrong into"),
         (("put-back",), "rally"),

@@ -168,11 +168,13 @@ def judge_net(rally: Rally) -> tuple[NetCrossing, ...]:
         for k in np.flatnonzero(beyond[:-1] * beyond[1:] < 0):
             share = beyond[k] / (beyond[k] - beyond[k + 1])
             crossings.append(_measure_crossing(rally, float(t[k] + share * (t[k + 1] - t[k]))))
-    for one in rally.events:
-        if one.kind == "net" and one.probability >= 0.5:
-            edge = float(sport.net.height_at(one.place[[1]], sport.width)[0])
-            height, sigma = float(one.place[2]) - sport.object.radius - edge, math.sqrt(float(one.covariance[2, 2]))
-            crossings.append(NetCrossing(one.t, one.place, height, sigma, one.speed, is_touch=True))
+    touches = [one for one in rally.events if one.kind == "net" and one.probability >= INDIFFERENT]
+    # two flights that meet at a touch may both cross the plane beside it
+    crossings = [one for one in crossings if all(abs(one.t - touch.t) > SAME_MOMENT_S for touch in touches)]
+    for one in touches:
+        edge = float(sport.net.height_at(one.place[[1]], sport.width)[0])
+        height, sigma = float(one.place[2]) - sport.object.radius - edge, math.sqrt(float(one.covariance[2, 2]))
+        crossings.append(NetCrossing(one.t, one.place, height, sigma, one.speed, is_touch=True))
     return tuple(sorted(crossings, key=lambda one: one.t))
 
 

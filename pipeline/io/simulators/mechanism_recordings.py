@@ -48,9 +48,9 @@ _MOST_POSES = 500
 _JUMP_SHARE = 0.75
 # Largest rotation vector, rad, of a body whose turns are compared: at half a turn it jumps to the other side.
 _LARGEST_TURN = 0.9 * np.pi
-# Similarity of the names of a column that is not used and of a joint that is not recorded, from which one of them may
-# be misspelt: one wrong letter of five, but not a word more such as `vel`.
-_ALIKE_NAMES = 0.8
+# Similarity of the names of a column that is not used and of a joint or input that is not recorded, from which one of
+# them may be misspelt: two letters of four that changed places, but not a word more such as `vel`.
+_ALIKE_NAMES = 0.75
 # Multiple of a joint's limit above which angles without a unit are taken for degrees: stops give a little, and degrees
 # are 57 times as many.
 _MOST_LIMITS = 3.0
@@ -159,7 +159,9 @@ def _match_shots(tables: Sequence[TextTable], simulator: OutsideSimulator) -> Me
         unused = [name for name in table.columns if name not in {*columns, *inputs, *OTHER_COLUMNS}]
         jumping = set[str]()
         left = [f"{escape_text(table.path)}: not used: {', '.join(unused)}"] if unused else []
-        doubts = [*_doubt_spelling(table, simulator, joints, unused), *_doubt_radians(table, joints, columns)]
+        silent = [name for name, column in zip(simulator.inputs, inputs, strict=True) if column is None]
+        missing = [*(one.name for one in simulator.joints if one not in joints), *silent]
+        doubts = [*_doubt_spelling(table, missing, unused), *_doubt_radians(table, joints, columns)]
         notes += [*table.notes, *assumed, *more, *left, *doubts]
         for part in _split_shots(table, simulator, joints, columns, inputs):
             shot = len(recordings)
@@ -193,14 +195,12 @@ def _require_numbers(table: TextTable, familiar: frozenset[str]) -> None:
             )
 
 
-def _doubt_spelling(
-    table: TextTable, simulator: OutsideSimulator, joints: Sequence[Joint], unused: Sequence[str]
-) -> list[str]:
-    """List columns that are not used and nearly called like a joint that has no column."""
-    missing = {one.name.lower(): one.name for one in simulator.joints if one not in joints}
-    pairs = [(name, get_close_matches(name, missing, 1, _ALIKE_NAMES)) for name in unused]
+def _doubt_spelling(table: TextTable, missing: Sequence[str], unused: Sequence[str]) -> list[str]:
+    """List columns that are not used and nearly called like a joint or an input that has no column."""
+    names = {one.lower(): one for one in missing}
+    pairs = [(name, get_close_matches(name, names, 1, _ALIKE_NAMES)) for name in unused]
     return [
-        f"{escape_text(table.path)}: {missing[close[0]]} has no column; if it is {name}, give both the same name"
+        f"{escape_text(table.path)}: {names[close[0]]} has no column; if it is {name}, give both the same name"
         for name, close in pairs
         if close
     ]

@@ -12,7 +12,13 @@ import numpy as np
 from models.core.fit_result import AMBER_SHARE, GREEN_SHARE, Trust, TrustLevel, is_undecided
 from models.core.number_format import format_flight_speed, format_probability, format_time
 from models.core.rally import Rally, RallyEvent
-from models.estimation.rally.landing_judgement import CallReason, LandingCall, NetCrossing, find_explained_share
+from models.estimation.rally.landing_judgement import (
+    SIDE_SIGMAS,
+    CallReason,
+    LandingCall,
+    NetCrossing,
+    find_explained_share,
+)
 from models.estimation.rally.landing_margin import format_distance, format_line_distance, format_margin
 from pipeline.reporting.text.text_formatting import start_sentence
 
@@ -163,6 +169,13 @@ def _format_advice(call: LandingCall, name: str) -> str:
 
 def format_crossing(crossing: NetCrossing, name: str) -> str:
     """Format how high the object `name` passed the net, as a sentence."""
-    height = format_distance(crossing.height, crossing.height_sigma)
     what = "touched the net" if crossing.is_touch else "passed the net"
-    return f"The {name} {what} {height} {'over' if crossing.height >= 0 else 'below'} its edge at {crossing.t:.2f} s."
+    return f"The {name} {what} {format_height_over_net(crossing)} at {crossing.t:.2f} s."
+
+
+def format_height_over_net(crossing: NetCrossing) -> str:
+    """Format how high a crossing is; what passed the net was not below its edge, wherever an error puts it."""
+    height = format_distance(crossing.height, crossing.height_sigma)
+    if not crossing.is_touch and -SIDE_SIGMAS * crossing.height_sigma < crossing.height < 0:
+        return f"close over its edge (measured: {height} below)"
+    return f"{height} {'over' if crossing.height >= 0 else 'below'} its edge"

@@ -16,9 +16,8 @@ from models.core.number_format import (
 )
 from models.core.rally import Rally
 from models.estimation.rally.landing_judgement import LandingCall, find_last_hit
-from models.estimation.rally.landing_margin import format_distance
 from models.estimation.rally.stroke_summary import Stroke
-from pipeline.reporting.text.rally_sentences import format_landing
+from pipeline.reporting.text.rally_sentences import format_height_over_net, format_landing
 
 OTHER_SIDE = {"near": "far", "far": "near", "left": "right", "right": "left"}
 # s of the clip after a bounce without another hit, from which nobody can have returned it.
@@ -113,8 +112,7 @@ def format_net(stroke: Stroke) -> str:
         return NOT_KNOWN
     if stroke.net.is_touch:
         return "touched it"
-    height = format_distance(stroke.net.height, stroke.net.height_sigma)
-    return f"{height} {'over' if stroke.net.height >= 0 else 'below'} its edge"
+    return format_height_over_net(stroke.net)
 
 
 def format_stroke_end(rally: Rally, stroke: Stroke) -> str:

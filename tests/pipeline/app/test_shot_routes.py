@@ -256,7 +256,7 @@ def test_a_prediction_is_that_of_the_command(page: ShotPage, tmp_path: Path) -> 
     for one in answer["spread"]:
         assert [one["x"], one["y"]] == pytest.approx([ends[one["id"]]["x"], ends[one["id"]]["y"]])
     assert answer["paths"][0]["t"][-1] == pytest.approx(answer["at"] + 3.0, abs=1e-3)
-    refused = {"The moment lies within what was seen": {"at": 99.0}, "seconds is above 0": {"seconds": 1e6},
+    refused = {"The moment must lie within what was seen": {"at": 99.0}, "seconds is above 0": {"seconds": 1e6},
                "Nothing moves at this moment; choose one after the stroke.": {"at": 0.1}}  # fmt: skip
     for sentence, body in refused.items():
         reply = page.ask("POST", "/predict", body)

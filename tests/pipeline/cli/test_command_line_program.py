@@ -247,19 +247,20 @@ def test_an_interrupt_while_the_program_is_loading_or_leaving_is_one_line(moment
     assert (result.returncode, result.stderr) == (130, "trueroll: interrupted; nothing half-written is left\n")
 
 
+@pytest.mark.parametrize(("swallowed", "status"), [(KeyboardInterrupt(), 130), (SystemExit(143), 143)])
 def test_an_interrupt_that_a_finaliser_swallows_is_raised_again(
-    trueroll: Terminal, monkeypatch: pytest.MonkeyPatch
+    trueroll: Terminal, monkeypatch: pytest.MonkeyPatch, swallowed: BaseException, status: int
 ) -> None:
     class Swallows:
         def __del__(self) -> None:
-            raise KeyboardInterrupt
+            raise swallowed
 
     def work(*_: object, **__: object) -> None:
         Swallows()
         time.sleep(20)
 
     monkeypatch.setattr("pipeline.cli.commands.run_command.run_chosen_shot", work)
-    assert trueroll("run", "x.mp4").status == 130
+    assert trueroll("run", "x.mp4").status == status
 
 
 def test_help_holds_every_option_with_its_meaning(trueroll: Terminal) -> None:

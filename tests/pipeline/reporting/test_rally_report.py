@@ -19,13 +19,13 @@ from models.core.corrections import NO_CORRECTIONS
 from models.core.court_camera import rotation_matrix
 from models.core.progress import ignore_progress
 from models.core.rally import BallCandidates, Rally
-from models.estimation.rally.landing_judgement import judge_landing
+from models.estimation.rally.landing_judgement import NetCrossing, judge_landing
 from models.estimation.rally.stroke_summary import summarize_strokes
 from models.sports.sport_catalogue import find_sports
 from pipeline.reporting.pages.rally_report import write_rally_report
 from pipeline.reporting.pages.run_report import ReportFiles
 from pipeline.reporting.recording.rally_recording import split_projection, write_rally_recording
-from pipeline.reporting.text.rally_sentences import assess_rally_trust, format_landing
+from pipeline.reporting.text.rally_sentences import assess_rally_trust, format_height_over_net, format_landing
 from pipeline.reporting.text.stroke_sentences import format_point, list_stroke_rows
 from pipeline.stages.rally_output_stages import RallyPageOptions, rally_output_stages
 from video.io.clip import Clip
@@ -153,6 +153,22 @@ def test_a_returned_stroke_states_where_it_would_have_landed(filmed: tuple[Clip,
     (_, cells), _ = list_stroke_rows(cut, (first, second))
     assert cells[5].startswith("without the return, at ")
     assert "left singles line" in cells[5]
+
+
+@pytest.mark.parametrize(
+    ("height", "is_touch", "words"),
+    [
+        (0.3, False, "30 ± 10 cm over its edge"),
+        (-0.02, False, "close over its edge (measured: 2 ± 10 cm below)"),
+        (-0.02, True, "2 ± 10 cm below its edge"),
+        (-0.5, False, "50 ± 10 cm below its edge"),
+    ],
+)
+def test_what_passes_the_net_passes_over_its_edge_as_far_as_errors_allow(
+    height: float, is_touch: bool, words: str
+) -> None:
+    crossing = NetCrossing(1.0, np.zeros(3), height, 0.1, 10.0, is_touch)
+    assert format_height_over_net(crossing) == words
 
 
 def test_the_last_stroke_lands_as_the_call_says(filmed: tuple[Clip, Rally]) -> None:

@@ -169,6 +169,9 @@ def test_the_height_over_the_net_is_that_of_the_flight() -> None:
     edge = float(TENNIS.net.height_at(place[[1]], TENNIS.width)[0])
     assert crossing.height == pytest.approx(place[2] - TENNIS.object.radius - edge, abs=0.005)
     assert crossing.over_probability > 0.99
+    touch = replace(rally.events[0], kind="net", player="", t=crossing.t + 0.005, place=place[:3], probability=0.9)
+    (touched,) = judge_net(replace(rally, events=(*rally.events, touch)))
+    assert touched.is_touch, "a flight that meets another at a touch crosses the plane there too"
 
 
 def test_the_error_of_the_height_is_that_of_simulated_flights() -> None:

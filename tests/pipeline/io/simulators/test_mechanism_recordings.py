@@ -240,6 +240,9 @@ def test_an_input_without_a_column_is_named_in_a_note(tmp_path: Path, simulator:
     notes = " ".join(shots.notes)
     assert "no column for servo: taken for 0" in notes
     assert "not used: other" in notes
+    assert "same name" not in notes
+    swapped = read_mechanism_shots(write(tmp_path, "t,hinge,sevro", swing_rows()), simulator)
+    assert any("servo has no column; if it is sevro, give both the same name" in note for note in swapped.notes)
 
 
 @pytest.mark.parametrize(("column", "is_doubted"), [("othr", True), ("other_vel", False), ("load", False)])
