@@ -241,7 +241,7 @@ def combine_explanations(explanations: RallyExplanations, share: float = EVIDENC
         pairs.append((float(weight), landing))
     landings, nothing = merge_landings(pairs)
     last_player = _find_last_player(events)
-    events = _follow_rules(best, events)
+    events = lower_by_rules(best, events)
     events = [event for event in events if event.probability >= _LEAST_EVENT]
     return replace(best, events=tuple(events), landings=landings, no_landing=nothing, last_player=last_player)
 
@@ -253,14 +253,19 @@ def _find_last_player(events: list[RallyEvent]) -> tuple[str, float]:
     return (own[0].player, 1 - prod(1 - one.probability for one in own)) if own else ("", 0.0)
 
 
-def _follow_rules(rally: Rally, events: list[RallyEvent]) -> list[RallyEvent]:
+def lower_by_rules(rally: Rally, events: list[RallyEvent]) -> list[RallyEvent]:
     """Lower the probability of events that cannot follow each other; the object may do anything while it is lost.
 
     What agrees with the rules gains nothing: they are part of the evidence of the explanations.
+
+    Args:
+        rally: Its flights; gaps between them are spans in which the object was lost.
+        events: Events, in the order of time.
     """
     sport = rally.scene.sport
-    gaps = [after.start for before, after in pairwise(rally.flights) if after.start > before.end + _SAME_TIME]
-    spans = np.searchsorted(gaps, [event.t + _SAME_TIME for event in events])
+    # the hit that begins a flight after a gap lies in the gap
+    gaps = [before.end for before, after in pairwise(rally.flights) if after.start > before.end + _SAME_TIME]
+    spans = np.searchsorted(gaps, [event.t - _SAME_TIME for event in events])
     for span in set(spans.tolist()):
         rows = np.flatnonzero(spans == span)
         part = [events[k] for k in rows]
