@@ -134,7 +134,9 @@ def build_rally(
         columns = np.append(np.arange(part.start, part.stop), at)
         block = covariance[np.ix_(columns, columns)]
         if structure.joined[k] and kind is not None:
-            chance = chances[k - 1] * chances[k]
+            # what came before may be something else, and the object begin with a hit that is not seen before
+            before = chances[k - 1] + (1 - chances[k - 1]) * UNSEEN_START * (kind == "hit")
+            chance = before * chances[k]
             events.append(_build_event(kind, block, p, start, flights[-1], sport, chance))
             if kind == "landing":
                 break
@@ -159,12 +161,16 @@ def build_rally(
 def weigh_flights(candidates: BallCandidates, sight: Sight, fit: RallyFit, used: BoolArray) -> list[float]:
     """Compute the probability of each flight that any of the places it explains shows the object, by their looks.
 
-    A path through things that look like nothing may be smooth by chance, or because a limb moves smoothly. A flight
-    of few places, such as a service before it bounces, cannot be told by looks, and is as probable as its neighbours.
+    A path through things that look like nothing may be smooth by chance, or because a limb moves smoothly. One thing
+    looks alike wherever it is seen, so that a flight has no more independent looks than the fewest that are judged. A
+    flight of fewer places, such as a service before it bounces, cannot be told by looks, and is as probable as its
+    neighbours.
     """
     score = candidates.score[sight.chosen[sight.rows]]
     return [
-        float(1 - np.prod(1 - score[rows[used[rows]]])) if len(rows) >= _JUDGED_PLACES else 1.0
+        float(1 - (1 - score[rows[used[rows]]].mean()) ** _JUDGED_PLACES)
+        if len(rows) >= _JUDGED_PLACES and used[rows].any()
+        else float(len(rows) < _JUDGED_PLACES)
         for rows in assign_times(sight.observed.t, fit.structure, fit.values)
     ]
 

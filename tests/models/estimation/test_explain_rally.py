@@ -155,3 +155,21 @@ def test_a_candidate_far_outside_takes_no_memory():
     centre[unused[0]] += 1e9
     moved = replace(candidates, centre=centre)
     assert (associate_candidates(scene, moved, frames_of(rally), rally.frame_t) == chosen).all()
+
+
+def test_a_flight_of_what_hardly_looks_like_the_object_is_doubted_and_the_hit_after_it_is_not():
+    """A limb that looks a little like a shuttle does so in every frame."""
+    sport = find_sports()["badminton"]
+    rng = np.random.default_rng(102)
+    scene, rally = usual_view(sport), play_rally(sport, 3, rng)
+    candidates = observe_rally(scene, rally, rng, clutter=0.0)
+    hits = [t for kind, t in zip(rally.kinds, rally.t, strict=True) if kind == "hit"]
+    time = rally.frame_t[np.searchsorted(frames_of(rally), candidates.frame)]
+    doubtful = (time > hits[1]) & (time < hits[2])
+    faint = replace(candidates, score=np.where(doubtful, 0.2, candidates.score))
+    explained = explain_rally(scene, faint, frames_of(rally), rally.frame_t, ignore_progress)
+    chances = [
+        max((event.probability for event in explained.events if abs(event.t - hit) < 0.05), default=0.0) for hit in hits
+    ]
+    assert chances[1] < 0.7
+    assert chances[2] > 0.85
