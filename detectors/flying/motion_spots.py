@@ -23,8 +23,8 @@ ROUNDING = 2.0
 LEAST_DISTINCTNESS = 1.0
 # Side, cells, of the square in which a spot is the strongest.
 SEPARATION_CELLS = 5
-# Share of its change against the moved far neighbours below which what changes less against the picture of others, as
-# it was before it was moved, is a caption: it is nearer to standing in the picture than to standing in the scene.
+# Share of its change against the far neighbours, which are moved onto the frame, below which what changes less against
+# neighbours that are not moved is a caption: it stands still in the frame rather than in the scene.
 CAPTION_SHARE = 0.5
 # Spots of either map that are judged: the object is among them where it can be told from noise.
 SPOTS_PER_MAP = 30
@@ -59,7 +59,7 @@ def find_window_spots(window: FrameWindow, outline: FloatArray | None) -> IntArr
 
 
 def _is_caption(window: FrameWindow, place: IntArray) -> BoolArray:
-    """Tell which spots (K, 2) stand in the picture, which the camera moves over the scene."""
+    """Return which spots (K, 2) stand still in the frame although the camera moves."""
     square = np.array([cut_squares(image.luma, place, CELL_PX * SPOT_CELLS) for image in window.images], np.int16)
     change = np.abs(square - square[MIDDLE_IMAGE]).mean(axis=(2, 3))
     return np.asarray(change[[1, 5]].max(axis=0) < CAPTION_SHARE * change[[0, 6]].min(axis=0))

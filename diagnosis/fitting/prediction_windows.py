@@ -120,7 +120,7 @@ def select_predictable(
     """Select the windows that the better model can predict from their first rows, and fit their start states.
 
     In a contact-rich scene, a contact turns micrometres of start error into metres; of a joint without a sensor, a few
-    rows of the others hardly tell the start. Starts are sampled from their covariance; a body is predicted as long as
+    rows of the others hardly show the start. Starts are sampled from their covariance; a body is predicted as long as
     the samples agree about it, and only if it moves.
 
     Args:

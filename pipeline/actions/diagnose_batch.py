@@ -147,11 +147,11 @@ def diagnose_into(
     if simulator is not None and has_joints:
         from pipeline.reporting.recording.gap_recording import write_gap_recording
 
-        def tell(note: str) -> None:
+        def print_note(note: str) -> None:
             console.print(f"Note: {note}.", markup=False, soft_wrap=True)
 
         with show_search_progress(console, shown_title) as watch:
-            report, origins, shots = diagnose_mechanism(inputs, simulator, 0, watch, workers, tell)
+            report, origins, shots = diagnose_mechanism(inputs, simulator, 0, watch, workers, print_note)
         write_gap_files(report, folder)
         write_gap_page(report, title, folder / "gap.html", origins=origins, shots=shots)
         write_gap_recording(report, shots.simulator, folder / "recording.rrd", title, origins)

@@ -171,7 +171,7 @@ class PartlyObservedScene(Protocol):
 
     @property
     def hidden(self) -> tuple[int, ...]:
-        """Joints without a sensor, whose start other joints hardly tell; empty where there are none."""
+        """Joints without a sensor, whose start other joints hardly show; empty where there are none."""
 
 
 def neutral_values(scene: GapScene, forms: tuple[str, ...] | None = None) -> FloatArray:

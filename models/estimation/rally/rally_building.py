@@ -167,12 +167,14 @@ def weigh_flights(candidates: BallCandidates, sight: Sight, fit: RallyFit, used:
     neighbours.
     """
     score = candidates.score[sight.chosen[sight.rows]]
-    return [
-        float(1 - (1 - score[rows[used[rows]]].mean()) ** _JUDGED_PLACES)
-        if len(rows) >= _JUDGED_PLACES and used[rows].any()
-        else float(len(rows) < _JUDGED_PLACES)
-        for rows in assign_times(sight.observed.t, fit.structure, fit.values)
-    ]
+    chances = []
+    for rows in assign_times(sight.observed.t, fit.structure, fit.values):
+        if len(rows) < _JUDGED_PLACES:
+            chances.append(1.0)
+            continue
+        looks = score[rows[used[rows]]]
+        chances.append(float(1 - (1 - looks.mean()) ** _JUDGED_PLACES) if len(looks) else 0.0)
+    return chances
 
 
 def _fill_places(

@@ -83,8 +83,11 @@ def test_a_shuttle_that_turns_over_is_not_more_slender_than_one_that_flies() -> 
     assert fit.values[2] > -0.2, "the drag of the turn-over that all flights share"
 
 
-def test_a_return_from_near_the_net_is_not_left_a_touch_of_it() -> None:
-    """A service is seen at its start, and the clear that answers it from 33 cm behind the net once it is on its way."""
+def take_return_for_net() -> tuple[FlightObservations, RallyFit]:
+    """Take a return from 33 cm behind the net for a touch of it.
+
+    The service is seen at its start, and the clear that answers it once it is on its way.
+    """
     service = state_flight(4.9, 2.7, 1.2, 5.0, -1.0, 4.0)
     met = fly(service, np.array([0.6]), TURN).states[0, :3]
     moments = np.array([0.0, 0.6, 1.7])
@@ -93,18 +96,17 @@ def test_a_return_from_near_the_net_is_not_left_a_touch_of_it() -> None:
     observed = seen.select(np.flatnonzero((seen.t < 0.1) | (seen.t > 0.7)))
     fit = fit_from(observed, flights, moments, ("hit", "net"))
     assert fit is not None
+    return observed, fit
+
+
+def test_a_return_from_near_the_net_is_not_left_a_touch_of_it() -> None:
+    observed, fit = take_return_for_net()
     best = revise_structures(observed, SPORT, [fit])[0].best
     assert best.structure.kinds == ("hit", "hit")
 
 
 def test_a_net_gives_no_speed() -> None:
-    service = state_flight(4.9, 2.7, 1.2, 5.0, -1.0, 4.0)
-    met = fly(service, np.array([0.6]), TURN).states[0, :3]
-    moments = np.array([0.0, 0.6, 1.7])
-    flights = [service, state_flight(*met, -14.0, 8.0, 11.0)]
-    seen = film_flights(flights, moments)
-    fit = fit_from(seen.select(np.flatnonzero((seen.t < 0.1) | (seen.t > 0.7))), flights, moments, ("hit", "net"))
-    assert fit is not None
+    fit = take_return_for_net()[1]
     first, second = (fit.values[flight_slice(k)] for k in (0, 1))
     came = fly(first, fit.values[-1:] - fit.values[-2], TURN).states[0, 3:]
     assert np.linalg.norm(second[3:6]) < np.linalg.norm(came) + 2 * NET_SPREAD
