@@ -26,7 +26,7 @@ from models.physics.mechanisms.mechanism_catalogue import MECHANISM_EFFECTS
 from pipeline.io.simulators.function_simulator import FunctionSimulator
 from pipeline.io.simulators.mechanism_recordings import MechanismShots, read_mechanism_shots
 from pipeline.io.simulators.pooltool_simulator import open_pooltool
-from pipeline.reporting.text.gap_sentences import format_error_size, name_runs
+from pipeline.reporting.text.gap_sentences import name_runs
 
 # Standard deviations from which a coefficient of a simulator is called wrong.
 _WRONG_SIGMAS = 3.0
@@ -34,9 +34,6 @@ _WRONG_SIGMAS = 3.0
 _SEEN_SIGMAS = 2.0
 # Share of its misfit that half a step must explain for it to be doubted: a step that is right explains none of it.
 _STEP_SHARE = 0.1
-# Ratio of the error with stated coefficients to that with fitted ones from which to correct them comes first: less is
-# hidden by the error of a start.
-_CLEARLY_WORSE = 1.2
 
 
 def diagnose_mechanism(
@@ -101,10 +98,11 @@ _JOINT_ATTRIBUTES = {"joint_friction": ("frictionloss", "damping"), "armature": 
 
 
 def _describe_changes(scene: SimulatorScene, report: DiagnosisReport) -> tuple[str, ...]:
-    """Describe what to write into the file of a simulator that has the named effects itself."""
+    """Describe what to write into the file of a simulator that has the named effects, or wrong coefficients, itself."""
     fitted = {one.name: one for one in report.fitted}
+    wrong = _find_wrong_coefficients(scene, report)
     changes = []
-    for effect in report.effects:
+    for effect in dict.fromkeys((*report.effects, *(name.partition(".")[0] for name in wrong))):
         if effect not in scene.simulator.own_effects or effect not in _JOINT_ATTRIBUTES:
             continue
         names = [(attribute, f"{effect}.{one.name}") for attribute, one in
@@ -114,7 +112,7 @@ def _describe_changes(scene: SimulatorScene, report: DiagnosisReport) -> tuple[s
             texts = [
                 f'{attribute}="{one.value:.4g}"'
                 for attribute, one in own
-                if one and not one.prior_only and one.value > _SEEN_SIGMAS * one.sigma
+                if one and not one.prior_only and (one.value > _SEEN_SIGMAS * one.sigma or one.name in wrong)
             ]
             if texts and not joint.body:
                 changes.append(f"joint {joint.name} {' '.join(texts)}")
@@ -155,39 +153,37 @@ def pair_with_pooltool(scene: GapScene) -> BilliardsScene:
     return pair_with_simulator(scene, open_pooltool())
 
 
-def describe_coefficients(scene: GapScene, report: DiagnosisReport) -> tuple[str, ...]:
-    """Describe the coefficients of a simulator from outside that the recordings contradict; none of our own."""
+def _find_wrong_coefficients(scene: GapScene, report: DiagnosisReport) -> dict[str, float]:
+    """Find the coefficients of a simulator from outside that the recordings contradict: the stated values by name."""
     if not scene.has_stated_values:
-        return ()
+        return {}
     stated = {
         f"{effect.name}.{prior.name}": prior.value
         for effect in scene.effects
         if effect.name in scene.simulator_effects
         for prior in effect.parameters
     }
-    wrong: dict[tuple[str, str], list[str]] = {}
+    return {
+        one.name: stated[one.name]
+        for one in report.fitted
+        if one.name in stated and not one.prior_only and abs(one.value - stated[one.name]) > _WRONG_SIGMAS * one.sigma
+    }
+
+
+def describe_coefficients(scene: GapScene, report: DiagnosisReport) -> tuple[str, ...]:
+    """Describe the coefficients of a simulator from outside that the recordings contradict; none of our own."""
+    wrong = _find_wrong_coefficients(scene, report)
+    sentences: dict[tuple[str, str], list[str]] = {}
     for one in report.fitted:
-        if one.name in stated and not one.prior_only and abs(one.value - stated[one.name]) > _WRONG_SIGMAS * one.sigma:
+        if one.name in wrong:
             effect, _, parameter = one.name.partition(".")
             is_common = effect not in MECHANISM_EFFECTS
             strength, joint = (parameter, "") if is_common else MECHANISM_EFFECTS[effect].split_parameter(parameter)
             # one sentence for all joints whose file states the same
-            says = f"your {format_parameter(f'{effect}.{strength}')} is {stated[one.name]:.4g}"
+            says = f"your {format_parameter(f'{effect}.{strength}')} is {wrong[one.name]:.4g}"
             place = f" ({format_parameter(joint)})" if joint else ""
-            wrong.setdefault((says, one.unit), []).append(f"{format_with_sigma(one.value, one.sigma)}{place}")
-    if not wrong:
-        return ()
-    sentences = tuple(
+            sentences.setdefault((says, one.unit), []).append(f"{format_with_sigma(one.value, one.sigma)}{place}")
+    return tuple(
         f"{says}{'' if unit == '1' else f' {format_unit(unit)}'}, the recordings say {', '.join(values)}"
-        for (says, unit), values in wrong.items()
-    )
-    gap = report.gap
-    if not gap.as_stated > _CLEARLY_WORSE * gap.closure.before:  # also where one of them is unknown
-        return sentences
-    whose = "the coefficients of its file" if isinstance(scene, SimulatorScene) else "its own coefficients"
-    errors = [format_error_size(one, gap.metric) for one in (gap.as_stated, gap.closure.before)]
-    return (
-        f"with {whose} your simulator errs by {errors[0]} rms, with coefficients fitted to the recordings by"
-        f" {errors[1]}: correct them first",
-        *sentences,
+        for (says, unit), values in sentences.items()
     )

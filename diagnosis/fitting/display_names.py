@@ -10,7 +10,7 @@ from models.physics.effects.billiards_catalogue import BILLIARDS_EFFECTS
 # Effects, gauges and verdicts whose identifier is not a readable name.
 CAUSES: Mapping[str, str] = {
     "none": "nothing",
-    "unknown": "mostly something that trueroll does not know",
+    "unknown": "a cause that trueroll does not know",
     **{effect.name: effect.phrase for effect in BILLIARDS_EFFECTS if effect.phrase},
     **{choice.name: choice.phrase for choice in BILLIARDS_MODEL_CHOICES},
     "rods": "masses and lengths of the rods",

@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 from support.pseudo_terminal import Terminal, make_terminal
 
 import trueroll
+from pipeline.reporting.text.gap_sentences import format_verdict
 from pipeline.simulator_diagnosis import diagnose_mechanism
 
 terminal = pytest.fixture(make_terminal)
@@ -100,7 +101,8 @@ def test_a_wrong_coefficient_of_a_file_is_reported_and_is_no_missing_effect(tmp_
     note = next(note for note in report.notes if note.startswith("your "))
     assert "viscous is 0.05" in note
     assert report.gap.as_stated > 3 * report.gap.closure.before
-    assert report.notes[0].startswith("with the coefficients of its file your simulator errs by")
+    assert "The coefficients that it states are wrong: with them its rms error is" in format_verdict(report)
+    assert any(note.startswith('in the file of your simulator, give joint hinge damping="0.0') for note in report.notes)
     fitted = {one.name: one for one in report.fitted}["joint_friction.viscous"]
     assert fitted.value == pytest.approx(0.02, abs=4 * fitted.sigma)
     assert fitted.sigma < 0.001

@@ -179,7 +179,7 @@ def _match_shots(tables: Sequence[TextTable], simulator: OutsideSimulator) -> Me
     if hidden:
         notes.append(f"not recorded: {', '.join(hidden)}; every window starts near the rest of the simulator")
     if len({joint.unit for joint in simulator.joints if joint.name in recordings[0].bodies}) > 1:
-        notes.append("some joints are in rad and others in m; errors of both are counted alike")
+        notes.append("some joints are in rad and others in m; in a common rms error, 1 mrad counts as much as 1 mm")
     return MechanismShots(simulator, tuple(recordings), histories, tuple(dict.fromkeys(notes)), origins)
 
 

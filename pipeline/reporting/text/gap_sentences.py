@@ -21,7 +21,7 @@ from diagnosis.fitting.display_names import (
 from diagnosis.unexplained.force_law import ForceLaw
 from diagnosis.unexplained.local_patch import LocalPatch
 from diagnosis.verdicts.candidate_probabilities import SMALL_P_VALUE
-from diagnosis.verdicts.verdict import CandidateEffect, DiagnosisReport, Strength
+from diagnosis.verdicts.verdict import CandidateEffect, DiagnosisReport, Gap, Strength
 from models.core.number_format import (
     EXTREME_PROBABILITY,
     format_probability,
@@ -35,6 +35,9 @@ from pipeline.reporting.text.text_formatting import format_law
 
 # Share of the gap below which an effect that may close nothing is called small.
 SMALL_SHARE = 0.05
+# Ratio of the error with stated coefficients to that with fitted ones from which they are called wrong: less is hidden
+# by the error of a start.
+_CLEARLY_WORSE = 1.2
 # Share of an unexplained acceleration from which its law is given as a formula: less than half is left then.
 MOST_OF_IT = 0.5
 # Rank correlation from which a quantity rises with another, and number of points from which it is asked.
@@ -95,14 +98,30 @@ def name_runs_in_page(scene: str, html: str) -> str:
 
 
 def format_verdict(report: DiagnosisReport) -> str:
-    """Format the verdict: which effects the simulator lacks.
+    """Format the verdict: which effects the simulator lacks, and that its coefficients are wrong where they are.
 
     Args:
         report: Result of a diagnosis.
 
     Returns:
-        One sentence.
+        One sentence or two.
     """
+    return _format_missing(report) + _format_wrong_coefficients(report.gap)
+
+
+def _format_wrong_coefficients(gap: Gap) -> str:
+    """Format what the coefficients that a simulator states cost; empty where that is little, or unknown."""
+    if not gap.as_stated > _CLEARLY_WORSE * gap.closure.before:
+        return ""
+    stated, fitted = (format_error_size(one, gap.metric) for one in (gap.as_stated, gap.closure.before))
+    return (
+        f" The coefficients that it states are wrong: with them its rms error is {stated}, with coefficients fitted to"
+        f" the recordings {fitted}."
+    )
+
+
+def _format_missing(report: DiagnosisReport) -> str:
+    """Format which effects the simulator lacks."""
     if report.verdict == "effects":
         return f"Your simulator lacks {_list_missing_effects(report)}{_format_large_rest(report)}."
     if report.verdict == "group":
@@ -146,9 +165,9 @@ def format_agreement(report: DiagnosisReport) -> tuple[str, ...]:
             "ask for a positive or a negative strength" if one.strengths else "be fitted better or worse by another law"
         )
         sentences.append(
-            f"Do the shots agree about {format_cause(one.effect)}? Without any missing effect, each shot would {asks}"
-            " by chance, whatever its noise is. Flipping these signs at random gives"
-            f" an agreement as good as this in {share} of all cases{bound}.{'' if p < SMALL_P_VALUE else weak}"
+            f"Do the shots agree about {format_cause(one.effect)}? If nothing were missing, each shot would {asks} by"
+            f" chance, whatever its noise is, and all of them would agree as well as these do in {share} of"
+            f" cases{bound}.{'' if p < SMALL_P_VALUE else weak}"
         )
     return tuple(sentences)
 
@@ -435,7 +454,7 @@ def format_shot_use(report: DiagnosisReport) -> str:
         return ""
     parts = ", ".join(f"{count} {what}" for what, count in counts.items() if count)
     size = format_error_size(used.noise, report.gap.metric)
-    noise = f"; error of a position {size} per coordinate, noise and what frames have in common"
+    noise = f"; each coordinate is measured to {size}, errors that last over several frames included"
     return f"{total} shot{'s' if total > 1 else ''}: {parts}{noise if math.isfinite(used.noise) else ''}."
 
 

@@ -280,12 +280,12 @@ def test_effects_that_are_missing_together_are_one_cause_of_their_whole_probabil
     together, unknown = list_causes(diagnosis)
     assert (together.name, unknown.name) == (
         "air drag and lift by spin",
-        "mostly something that trueroll does not know",
+        "a cause that trueroll does not know",
     )
     assert together.probability == pytest.approx(0.9)
     assert together.strength == "air drag k = 0.200 ± 0.010; lift by spin s = 0.200 ± 0.010"
     apart = list_causes(replace(diagnosis, effects=("air_drag",)))
-    assert [one.name for one in apart] == ["air drag", "lift by spin", "mostly something that trueroll does not know"]
+    assert [one.name for one in apart] == ["air drag", "lift by spin", "a cause that trueroll does not know"]
     assert [one.probability for one in apart] == [0.46, 0.44, 0.1]
 
 
@@ -302,6 +302,12 @@ def test_what_comes_nearest_is_not_called_added_and_noise_is_no_larger_than_the_
     )
     own = replace(report("none"), gap=replace(gap, closure=noise, as_stated=0.02))
     assert "the simulator, its coefficients fitted to the recordings, over the first" in format_gap_closure(own)
+    assert format_verdict(own).endswith(
+        " The coefficients that it states are wrong: with them its rms error is 20 mm, with coefficients fitted to the"
+        " recordings 1.62 mm."
+    )
+    hidden_by_its_start = replace(own, gap=replace(own.gap, as_stated=1.15 * noise.before))
+    assert format_verdict(hidden_by_its_start) == format_verdict(report("none"))
     small = replace(nearest, before=0.846, after=0.592, floor=0.592, closed=float("nan"), resolved=False)
     for verdict in ("effects", "unknown"):
         unseen = replace(report(verdict), gap=replace(gap, closure=replace(small, after=0.6)))
@@ -393,10 +399,10 @@ def agreed(p: float, limit: float) -> str:
 
 def test_few_shots_limit_how_well_they_can_agree() -> None:
     few = agreed(0.0625, 2.0**-4)
-    assert "in 6 % of all cases; with 5 shots this share cannot be below 6 %" in few
+    assert "in 6 % of cases; with 5 shots this share cannot be below 6 %" in few
     assert "would not exclude chance" in few
     many = agreed(2.0**-12, 2.0**-12)
-    assert "in less than 0.1 % of all cases." in many
+    assert "in less than 0.1 % of cases." in many
     assert "exclude" not in many
     assert "cannot be below" not in agreed(0.6, 2.0**-4)
 
@@ -419,8 +425,8 @@ def test_an_effect_that_may_add_nothing_is_named_last_with_its_share() -> None:
 def test_the_page_states_shots_and_noise() -> None:
     diagnosis = replace(named(REST), shot_use=ShotUse((0, 2, 4), (1,), (3,), 0.0009))
     assert format_shot_use(diagnosis) == (
-        "5 shots: 3 to fit, 1 to confirm effects, 1 held out to measure the gap; error of a position 0.9 mrad"
-        " per coordinate, noise and what frames have in common."
+        "5 shots: 3 to fit, 1 to confirm effects, 1 held out to measure the gap; each coordinate is measured"
+        " to 0.9 mrad, errors that last over several frames included."
     )
     assert format_shot_use(replace(diagnosis, shot_use=ShotUse((0,)))) == "1 shot: 1 to fit."
     assert format_shot_use(named(REST)) == ""
