@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.support.run_folder import ROOT
 from models.core.court_camera import CourtCamera, CourtScene
 from models.core.typing import FloatArray
 from models.sports.sport_catalogue import find_sports
@@ -117,9 +120,16 @@ def write_truth(folder: Path, truth: RallyTruth, view: View) -> None:
     (folder / "truth.json").write_text(json.dumps(content))
 
 
+@cache
+def hash_renderer() -> str:
+    """Hash the code that plays and renders rallies: what an older one made is made anew."""
+    files = (ROOT / "worlds" / "rallies.py", *sorted((ROOT / "video" / "rendering").glob("*.py")))
+    return hashlib.sha256(b"".join(one.read_bytes() for one in files)).hexdigest()[:8]
+
+
 def render_case(case: CourtCase, folder: Path) -> Path:
     """Render a case below a folder, unless it is there; returns its folder."""
-    target = folder / case.name
+    target = folder / f"{case.name}_{hash_renderer()}"
     if not (target / "truth.json").exists():
         (path,) = simulate_rallies(case.sport, case.draw, 1, target / "rally", strokes=case.strokes)
         write_rally_clip(target, read_rally(path), case.view, case.fps, case.draw, case.size)
@@ -128,7 +138,7 @@ def render_case(case: CourtCase, folder: Path) -> Path:
 
 def film_case(case: CourtCase, folder: Path) -> Path:
     """Write the truth of a case below a folder, unless it is there, without its clip; returns its folder."""
-    target = folder / f"{case.name}_truth"
+    target = folder / f"{case.name}_{hash_renderer()}_truth"
     if not (target / "truth.json").exists():
         (path,) = simulate_rallies(case.sport, case.draw, 1, target / "rally", strokes=case.strokes)
         rally, rate = read_rally(path), Fraction(case.fps)
