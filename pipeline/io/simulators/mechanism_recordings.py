@@ -44,6 +44,8 @@ from pipeline.reporting.text.text_formatting import escape_text
 _USUAL_SIGMA = 1e-3
 # Recorded poses in which bodies are tested for contact: a second of a fast robot.
 _MOST_POSES = 500
+# Recorded poses, at rest, from which a function is tried.
+_TRIED_STATES = 5
 # Share of a turn by which a recorded angle jumps where a sensor begins anew: no joint turns as far between two rows.
 _JUMP_SHARE = 0.75
 # Largest rotation vector, rad, of a body whose turns are compared: at half a turn it jumps to the other side.
@@ -125,12 +127,9 @@ def _read_shots(paths: Sequence[Path], simulator_name: str) -> MechanismShots:
     named = [one for one in name_joints(numbered) if NUMBERED_JOINT.fullmatch(one.name)]
     simulator = read_function(simulator_name, named)
     shots = _match_shots(tables, simulator)
-    first = shots.recordings[0]
-    observed = [[joint.name for joint in simulator.joints].index(name) for name in first.bodies]
-    state = simulator.rest.copy()
-    state[observed] = np.nan_to_num(first.positions[0, :, 0])
-    try_function(simulator, state)
-    return shots
+    poses = _sample_poses(shots)
+    poses = poses[:: max(len(poses) // _TRIED_STATES, 1)]
+    return replace(shots, simulator=try_function(simulator, np.concatenate([poses, 0 * poses], axis=1)))
 
 
 def _sample_poses(shots: MechanismShots) -> FloatArray:
