@@ -192,13 +192,15 @@ class FunctionRuns:
 
     def __init__(self, simulator: FunctionSimulator, starts: FloatArray) -> None:
         self._simulator, self._states, self._steps_done = simulator, starts, 0
+        self._goes_together = simulator.takes_columns
 
     def advance(self, inputs: FloatArray, force: FloatArray) -> FloatArray:
         """Let the runs go on by M steps: the function, and then what changes the velocity beside it."""
         dt = self._simulator.time_step
         pushes = np.concatenate([force * dt * dt / 2, force * dt], axis=1)
         with redirect_stdout(sys.stderr):  # what a function prints is no result
-            paths = self._advance_together(inputs, pushes) if self._simulator.takes_columns else None
+            paths = self._advance_together(inputs, pushes) if self._goes_together else None
+            self._goes_together = paths is not None
             paths = self._advance_singly(inputs, pushes) if paths is None else paths
         paths[np.logical_or.accumulate(~np.isfinite(paths).all(axis=2), axis=1)] = np.nan
         self._states, self._steps_done = paths[:, -1], self._steps_done + inputs.shape[1]
