@@ -129,7 +129,12 @@ def _read_shots(paths: Sequence[Path], simulator_name: str) -> MechanismShots:
     shots = _match_shots(tables, simulator)
     poses = _sample_poses(shots)
     poses = poses[:: max(len(poses) // _TRIED_STATES, 1)]
-    return replace(shots, simulator=try_function(simulator, np.concatenate([poses, 0 * poses], axis=1)))
+    simulator = try_function(simulator, np.concatenate([poses, 0 * poses], axis=1))
+    slow = (
+        f"{escape_text(simulator_name)} takes one state at a time; a search takes many times as long as with a function"
+        " of arrays that have a row per coordinate and a column per run"
+    )
+    return replace(shots, simulator=simulator, notes=shots.notes if simulator.takes_columns else (*shots.notes, slow))
 
 
 def _sample_poses(shots: MechanismShots) -> FloatArray:
