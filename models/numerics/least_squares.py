@@ -8,9 +8,9 @@ keeps stopping rules of its own, as `SearchOptions`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
-from typing import Generic, Literal, TypeVar
+from typing import Generic, Literal, ParamSpec, TypeVar
 
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotrs
@@ -27,6 +27,10 @@ _LEAST_SCALE = 1e-280
 Point = TypeVar("Point")
 Linear = TypeVar("Linear")
 Step = TypeVar("Step")
+Request = TypeVar("Request")
+Answer = TypeVar("Answer")
+Result = TypeVar("Result")
+Arguments = ParamSpec("Arguments")
 Outcome = Literal["converged", "stalled", "undefined", "interrupted"]
 
 
@@ -121,9 +125,58 @@ def minimize_cost(
     Returns:
         The point of the lowest cost.
     """
+    search = search_minimum(
+        point,
+        cost,
+        _answer_at_once(linearize),
+        solve,
+        _answer_at_once(move),
+        options,
+        is_negligible=is_negligible,
+        refresh=refresh,
+    )
+    try:
+        next(search)
+    except StopIteration as end:
+        best: Minimum[Point, Linear] = end.value
+        return best
+    raise RuntimeError("a search whose functions answer at once waits for nothing")
+
+
+def _answer_at_once(function: Callable[Arguments, Result]) -> Callable[Arguments, Generator[None, None, Result]]:
+    """Return a function that `search_minimum` need not wait for."""
+
+    def answer(*arguments: Arguments.args, **named: Arguments.kwargs) -> Generator[None, None, Result]:
+        yield from ()
+        return function(*arguments, **named)
+
+    return answer
+
+
+def search_minimum(
+    point: Point,
+    cost: float,
+    linearize: Callable[[Point], Generator[Request, Answer, Linear | None]],
+    solve: Callable[[Linear, float], Step | None],
+    move: Callable[[Point, Step], Generator[Request, Answer, tuple[Point, float] | None]],
+    options: SearchOptions,
+    *,
+    is_negligible: Callable[[Point, Linear, Step], bool] | None = None,
+    refresh: Callable[[Point, float, int, bool], tuple[Point, float]] | None = None,
+) -> Generator[Request, Answer, Minimum[Point, Linear]]:
+    """Minimize a cost as `minimize_cost` does, where `linearize` and `move` may wait for something.
+
+    Several searches can go on side by side so that what they wait for is computed together.
+
+    Yields:
+        What `linearize` and `move` ask for.
+
+    Returns:
+        The point of the lowest cost.
+    """
     damping, quiet, linear = options.damping, 0, None
     for iteration in range(options.iterations):
-        linear = linearize(point)
+        linear = yield from linearize(point)
         if linear is None:
             return Minimum(point, cost, "undefined", None)
         for attempt in range(options.attempts):
@@ -131,7 +184,7 @@ def minimize_cost(
             if step is not None:
                 if is_negligible is not None and attempt == 0 and is_negligible(point, linear, step):
                     return Minimum(point, cost, "converged", linear)
-                trial = move(point, step)
+                trial = yield from move(point, step)
                 if trial is not None and trial[1] < cost:
                     break
             damping = options.raise_damping(damping)

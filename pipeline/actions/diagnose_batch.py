@@ -45,6 +45,9 @@ from pipeline.terminal.progress_display import show_activity
 # cloth, and more than changes of the light cause.
 MAX_CLOTH_DISTANCE = 15.0
 
+# Least time between two lines about the search in a file, s: a diagnosis of a minute leaves a few of them.
+_LOG_INTERVAL_S = 10.0
+
 # Name, length, width and ball radius (m) of a table.
 TableSize = tuple[str, float, float, float]
 
@@ -206,7 +209,7 @@ def show_search_progress(console: Console, title: str = "") -> Iterator[Progress
         A function that is called with the activity, the effects that are tried, and the outlook of the search.
     """
     begun = time.monotonic()
-    with show_activity(console, title, prints=False) as show:
+    with show_activity(console, title, least_interval=_LOG_INTERVAL_S) as show:
 
         def update(activity: str, names: tuple[str, ...], outlook: SearchOutlook) -> None:
             effects = f": {' and '.join(map(format_cause, names))}" if names else ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import TracebackType
@@ -61,13 +62,14 @@ COMPILING_NOTE = "compiling numerical code for this machine: once, it takes up t
 
 
 @contextmanager
-def show_activity(console: Console, title: str = "", *, prints: bool = True) -> Iterator[Callable[[str], None]]:
+def show_activity(console: Console, title: str = "", *, least_interval: float = 0.0) -> Iterator[Callable[[str], None]]:
     """Show what a command does and for how long it has run.
 
     Args:
         console: Console of the display, on standard error.
         title: Words before each activity.
-        prints: Whether activities are printed where the console is no terminal.
+        least_interval: Where the console is no terminal, a line is printed when an activity begins, unless as many
+            seconds have not yet passed since the start, or since the last line.
 
     Yields:
         A function that is called with each activity.
@@ -79,10 +81,13 @@ def show_activity(console: Console, title: str = "", *, prints: bool = True) -> 
         notify_first_compilation(lambda: console.print(f"{lead}{COMPILING_NOTE}", markup=False)),
     ):
         task = bars.add_task("")
+        printed = time.monotonic()
 
         def update(activity: str) -> None:
+            nonlocal printed
             bars.update(task, description=f"{lead}{activity}")
-            if prints and not console.is_terminal:
-                console.print(activity, markup=False, soft_wrap=True)
+            if not console.is_terminal and time.monotonic() - printed >= least_interval:
+                printed = time.monotonic()
+                console.print(f"{lead}{activity}", markup=False, soft_wrap=True)
 
         yield update

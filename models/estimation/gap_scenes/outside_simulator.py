@@ -98,6 +98,10 @@ class OutsideSimulator(Protocol):
         """Whether `advance` takes forces and torques; accelerations otherwise."""
 
     @property
+    def takes_columns(self) -> bool:
+        """Whether a step of hundreds of runs costs about as much as that of one."""
+
+    @property
     def failure(self) -> str:
         """Why runs fail, as far as it says so; empty where it does not."""
 

@@ -309,7 +309,7 @@ def leave_out_failures(
     working, failed, total = [], 0, 0
     bound = _DIVERGED_RATIO * max(scale.position for scale in scene.scales)
     for one in recordings:
-        model = scene.build_model(scene.split_recording(one), ())
+        model = scene.build_model(scene.split_recording(one), (), np.zeros(len(scene.neutral), bool))
         numbers, starts = range(len(model.windows)), [window.start for window in model.windows]
         ahead = model.simulate_ahead(numbers, starts, [scene.neutral] * len(starts), False)
         sizes = [
@@ -387,9 +387,12 @@ class SimulatorModel:
     def simulate_ahead(
         self, windows: Sequence[int], starts: Sequence[FloatArray], shared: Sequence[FloatArray], has_jacobians: bool
     ) -> SimulatorModel:
-        """Return the model for these windows, starts and parameters alone, with their motions, simulated together."""
+        """Return the model for these windows, starts and parameters alone, with their motions, simulated together.
+
+        Where derivatives cost nothing beside a simulation, they come with it: most are needed in the next step.
+        """
         cases = [(self.segments[k], start, values) for k, start, values in zip(windows, starts, shared, strict=True)]
-        if has_jacobians:
+        if has_jacobians or self.scene.simulator.takes_columns:
             needed = np.flatnonzero(self.jacobian_mask)
             plans = [self.scene.plan_differences(*case, needed) for case in cases]
             motions = self.scene.simulate([one.stretch for one in plans])
@@ -414,10 +417,12 @@ class SimulatorModel:
             by_shared, nothing, nothing.reshape(0, len(start)), nothing.reshape(0, len(shared)),
         )  # fmt: skip
 
-    def simulate(self, window: int, start: FloatArray, shared: FloatArray) -> SimulatedWindow:
-        """Simulate a window without Jacobians."""
+    def simulate(self, window: int, start: FloatArray, shared: FloatArray) -> SimulatedWindow | LinearizedWindow:
+        """Simulate a window, without Jacobians unless they cost nothing."""
         simulation = self.ahead.get(window)
-        if not isinstance(simulation, Motions):
+        if isinstance(simulation, tuple):
+            return self.linearize(window, start, shared)
+        if simulation is None:
             return self.simulate_ahead([window], [start], [shared], False).simulate(window, start, shared)
         segment = self.segments[window]
         places = self.scene.observe(simulation.at(segment.t)[0], shared)

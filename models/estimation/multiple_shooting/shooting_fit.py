@@ -20,6 +20,7 @@ from models.core.fit_result import Parameter
 from models.core.typing import FloatArray
 from models.estimation.multiple_shooting.shooting_problem import (
     LEAST_GAIN,
+    ChainTask,
     Iterate,
     ShootingProblem,
     assemble_normal_equations,
@@ -39,7 +40,14 @@ from models.estimation.multiple_shooting.shooting_problem import (
 from models.estimation.multiple_shooting.shooting_windows import ShootingModel
 from models.estimation.multiple_shooting.state_elimination import ChainBlock, eliminate_states, log_determinant
 from models.numerics.executor import SERIAL, Executor
-from models.numerics.least_squares import Minimum, SearchOptions, count_determined, minimize_cost, solve_damped
+from models.numerics.least_squares import (
+    Minimum,
+    SearchOptions,
+    count_determined,
+    minimize_cost,
+    search_minimum,
+    solve_damped,
+)
 from models.numerics.statistics import evaluate_huber_loss, measure_lack_of_fit
 from models.physics.effect import Prior
 
@@ -313,9 +321,11 @@ def _refit_worse_chains(problem: ShootingProblem, before: Iterate, trial: Iterat
     return map_chains(problem, _fit_chain, trial, worse, settling)[0]
 
 
-def _converge_chain(problem: ShootingProblem, now: Iterate, chain: int, iterations: int) -> tuple[Iterate, bool]:
+def _converge_chain(
+    problem: ShootingProblem, now: Iterate, chain: int, iterations: int
+) -> ChainTask[tuple[Iterate, bool]]:
     """Fit the states of one chain; return also whether the search converged."""
-    best = _search_chain_states(problem, now, chain, iterations, quiet_steps=2)
+    best = yield from _search_chain_states(problem, now, chain, iterations, quiet_steps=2)
     is_converged = best.outcome == "converged"
     if best.outcome == "stalled" and best.linear is not None:
         step = solve_damped(best.linear.states, best.linear.gradient, 0.0)
@@ -323,33 +333,35 @@ def _converge_chain(problem: ShootingProblem, now: Iterate, chain: int, iteratio
     return best.point, is_converged
 
 
-def _fit_chain(problem: ShootingProblem, now: Iterate, chain: int, iterations: int) -> tuple[Iterate, None]:
+def _fit_chain(problem: ShootingProblem, now: Iterate, chain: int, iterations: int) -> ChainTask[tuple[Iterate, None]]:
     """Fit the states of one chain."""
-    return _search_chain_states(problem, now, chain, iterations).point, None
+    return (yield from _search_chain_states(problem, now, chain, iterations)).point, None
 
 
 def _search_chain_states(
     problem: ShootingProblem, now: Iterate, chain: int, iterations: int, share: float = 1.0, quiet_steps: int = 1
-) -> Minimum[Iterate, ChainBlock]:
+) -> ChainTask[Minimum[Iterate, ChainBlock]]:
     """Search the best states of one chain for the first `share` of its windows, with fixed shared parameters."""
     cost = chain_cost(problem, now, chain, share)
 
-    def move(now: Iterate, step: FloatArray) -> tuple[Iterate, float]:
-        trial = simulate_chain(problem, now, chain, _move_starts(problem, now.starts, {chain: step}))
+    def move(now: Iterate, step: FloatArray) -> ChainTask[tuple[Iterate, float]]:
+        trial = yield from simulate_chain(problem, now, chain, _move_starts(problem, now.starts, {chain: step}))
         return trial, chain_cost(problem, trial, chain, share)
 
-    return minimize_cost(
-        now,
-        cost,
-        lambda now: assemble_state_block(problem, now, chain, share),
-        lambda block, damping: -solve_damped(block.states, block.gradient, damping),
-        move,
-        replace(
-            _SEARCH,
-            iterations=iterations if np.isfinite(cost) else 0,
-            quiet_steps=quiet_steps,
-            min_relative_gain=problem.least_gain,
-        ),
+    return (
+        yield from search_minimum(
+            now,
+            cost,
+            lambda now: assemble_state_block(problem, now, chain, share),
+            lambda block, damping: -solve_damped(block.states, block.gradient, damping),
+            move,
+            replace(
+                _SEARCH,
+                iterations=iterations if np.isfinite(cost) else 0,
+                quiet_steps=quiet_steps,
+                min_relative_gain=problem.least_gain,
+            ),
+        )
     )
 
 
@@ -359,7 +371,7 @@ def _fit_best_guess(
     chain: int,
     options: ShootingOptions,
     more: tuple[tuple[FloatArray, ...], ...],
-) -> tuple[Iterate, None]:
+) -> ChainTask[tuple[Iterate, None]]:
     """Fit the states of one chain from each of its initial guesses and return the best.
 
     `more` are further start states of all windows. Where an alternative guess of a window differs from its first guess,
@@ -377,46 +389,46 @@ def _fit_best_guess(
     ]
     if len(own) > _GUESS_WINDOWS and alternatives:
         heads = replace(problem, chains=tuple(numbers[:_GUESS_WINDOWS] for numbers in problem.chains))
-        starts = _fit_guesses(heads, now, chain, options, [*guesses, *alternatives]).starts
+        starts = (yield from _fit_guesses(heads, now, chain, options, [*guesses, *alternatives])).starts
         first, end = own[0], own[_GUESS_WINDOWS]
         guesses, alternatives = [(*one[:first], *starts[first:end], *one[end:]) for one in guesses], []
-    return _fit_guesses(problem, now, chain, options, [*guesses, *alternatives]), None
+    return (yield from _fit_guesses(problem, now, chain, options, [*guesses, *alternatives])), None
 
 
 def _fit_guesses(
     problem: ShootingProblem, now: Iterate, chain: int, options: ShootingOptions, guesses: list[tuple[FloatArray, ...]]
-) -> Iterate:
+) -> ChainTask[Iterate]:
     """Fit the states of one chain from each of these start states of all windows and return the best."""
     own = problem.chains[chain]
     count = sum(len(problem.windows[k].t) for k in own)
     fits: list[Iterate] = []
     for starts in guesses:
-        guess = simulate_chain(problem, now, chain, starts)
-        fits.append(_search_chain_states(problem, guess, chain, options.shot_iterations).point)
+        guess = yield from simulate_chain(problem, now, chain, starts)
+        fits.append((yield from _search_chain_states(problem, guess, chain, options.shot_iterations)).point)
         explained = _NOISE_CHI2 * sum(fits[-1].windows[k].residual.size for k in own)
         if not options.tries_all_guesses and fits[-1].costs[chain] <= explained:
             return fits[-1]
     best = min(fits, key=lambda one: float(one.costs[chain]))
     if options.is_smooth or best.costs[chain] <= _EXPLAINED_CHI2 * count:
         return best
-    early = [
-        _fit_growing_share(problem, simulate_chain(problem, now, chain, starts), chain, options, _EARLY_SHARES)
-        for starts in guesses
-    ]
+    early = []
+    for starts in guesses:
+        guess = yield from simulate_chain(problem, now, chain, starts)
+        early.append((yield from _fit_growing_share(problem, guess, chain, options, _EARLY_SHARES)))
     early.sort(key=lambda one: chain_cost(problem, one, chain, _EARLY_SHARES[-1]))
-    slow = [
-        _fit_growing_share(problem, one, chain, options, (*_LATER_SHARES, 1.0)) for one in early[:_FOLLOWED_GUESSES]
-    ]
-    return min([best, *slow], key=lambda one: float(one.costs[chain]))
+    for one in early[:_FOLLOWED_GUESSES]:
+        slow = yield from _fit_growing_share(problem, one, chain, options, (*_LATER_SHARES, 1.0))
+        best = min(best, slow, key=lambda one: float(one.costs[chain]))
+    return best
 
 
 def _fit_growing_share(
     problem: ShootingProblem, point: Iterate, chain: int, options: ShootingOptions, shares: tuple[float, ...]
-) -> Iterate:
+) -> ChainTask[Iterate]:
     """Fit the states to growing shares of a chain's windows, so that contacts are included one after another."""
     for share in shares:
         iterations = options.shot_iterations if share == 1.0 else options.shot_iterations // 3 + 1
-        point = _search_chain_states(problem, point, chain, iterations, share).point
+        point = (yield from _search_chain_states(problem, point, chain, iterations, share)).point
     return point
 
 

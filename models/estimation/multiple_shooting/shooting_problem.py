@@ -9,10 +9,10 @@ Shared parameters are searched by their logarithms where their prior is relative
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -109,15 +109,37 @@ class ChainIterate:
     cost: float
 
 
+@dataclass(frozen=True, slots=True)
+class WindowRequest:
+    """Windows that a task on a chain wants to have predicted."""
+
+    model: ShootingModel
+    windows: tuple[int, ...]
+    """Indices of the windows."""
+    point: Iterate
+    """Start states and shared parameters."""
+    has_jacobians: bool
+
+
+Prediction = LinearizedWindow | SimulatedWindow
+Result = TypeVar("Result")
+# Work on one chain that waits for predictions of windows and returns a result.
+ChainTask = Generator[WindowRequest, list[Prediction], Result]
+
+
 def map_chains(
-    problem: ShootingProblem, work: Callable[..., Any], point: Iterate, chains: Sequence[int], *more: Any
-) -> tuple[Iterate, list[Any]]:
-    """Run one task per chain through the executor.
+    problem: ShootingProblem,
+    work: Callable[..., ChainTask[tuple[Iterate, Result]]],
+    point: Iterate,
+    chains: Sequence[int],
+    *more: Any,
+) -> tuple[Iterate, list[Result]]:
+    """Run one task per chain through the executor; where a model simulates windows together, several side by side.
 
     Args:
         problem: Problem that the iterate belongs to.
-        work: Function `work(problem, point, chain, *more)`, importable in a worker process, which returns an iterate of
-            which this chain counts, and a result. Other chains of its `point` are not simulated.
+        work: Function `work(problem, point, chain, *more)`, importable in a worker process: a task that returns an
+            iterate of which this chain counts, and a result. Other chains of its `point` are not simulated.
         point: Iterate to change; it stays as it is.
         chains: Indices of the chains to work on.
         more: Further arguments of every task.
@@ -125,30 +147,14 @@ def map_chains(
     Returns:
         The changed iterate, and the results in the order of `chains`.
     """
-    return _map_groups(problem, _work_on_each, point, [[chain] for chain in chains], work, *more)
-
-
-def _work_on_each(
-    problem: ShootingProblem, point: Iterate, chains: Sequence[int], work: Callable[..., Any], *more: Any
-) -> tuple[Iterate, list[Any]]:
-    results = []
-    for chain in chains:
-        point, result = work(problem, point, chain, *more)
-        results.append(result)
-    return point, results
-
-
-def _map_groups(
-    problem: ShootingProblem, work: Callable[..., Any], point: Iterate, groups: Sequence[Sequence[int]], *more: Any
-) -> tuple[Iterate, list[Any]]:
-    """Run one task per group of chains, as `map_chains` does; its result is a list with one entry per chain."""
-    jobs = [
-        ([_extract_chain(problem, point, chain) for chain in chains], point.shared, chains, work, *more)
-        for chains in groups
-    ]
+    # a model that cannot simulate windows together gains nothing from groups
+    size = _CHAINS_TOGETHER if getattr(problem.model, "simulates_together", False) else 1
+    groups = [chains[first : first + size] for first in range(0, len(chains), size)]
+    jobs = [([_extract_chain(problem, point, chain) for chain in own], point.shared, own, work, *more)
+            for own in groups]  # fmt: skip
     done = problem.executor.map_tasks(problem, _work_on_group, jobs)
-    parts = {chain: part for chains, (own, _) in zip(groups, done, strict=True)
-             for chain, part in zip(chains, own, strict=True)}  # fmt: skip
+    parts = {chain: part for own, (ends, _) in zip(groups, done, strict=True)
+             for chain, part in zip(own, ends, strict=True)}  # fmt: skip
     return _replace_chains(problem, point, parts), [result for _, results in done for result in results]
 
 
@@ -157,22 +163,59 @@ def _work_on_group(
     parts: list[ChainIterate],
     shared: FloatArray,
     chains: Sequence[int],
-    work: Callable[..., Any],
+    work: Callable[..., ChainTask[tuple[Iterate, Result]]],
     *more: Any,
-) -> tuple[list[ChainIterate], list[Any]]:
+) -> tuple[list[ChainIterate], list[Result]]:
+    """Run the tasks of some chains side by side."""
     starts = tuple(window.start for window in problem.windows)
     blank = Iterate(starts, shared, (NOT_SIMULATED,) * len(starts), np.zeros(len(problem.chains) + 1))
     point = _replace_chains(problem, blank, dict(zip(chains, parts, strict=True)))
-    point, results = work(problem, point, chains, *more)
-    own = [_extract_chain(problem, point, chain) for chain in chains]
-    return [replace(one, windows=tuple(map(copy_contiguous, one.windows))) for one in own], results
+    ends = _run_side_by_side([work(problem, point, chain, *more) for chain in chains])
+    own = [_extract_chain(problem, end, chain) for chain, (end, _) in zip(chains, ends, strict=True)]
+    whole = [replace(one, windows=tuple(map(copy_contiguous, one.windows))) for one in own]
+    return whole, [result for _, result in ends]
 
 
-def _group_chains(problem: ShootingProblem) -> list[list[int]]:
-    """Group all chains; a model that cannot simulate windows together gains nothing from groups."""
-    chains = list(range(len(problem.chains)))
-    size = _CHAINS_TOGETHER if getattr(problem.model, "simulates_together", False) else 1
-    return [chains[first : first + size] for first in chains[::size]]
+def _run_side_by_side(tasks: Sequence[ChainTask[Result]]) -> list[Result]:
+    """Run tasks to their ends: what all of them wait for is simulated together."""
+    results = dict[int, Result]()
+    answers: dict[int, list[Prediction] | None] = dict.fromkeys(range(len(tasks)))
+    while answers:
+        requests = dict[int, WindowRequest]()
+        for k, answer in answers.items():
+            try:
+                requests[k] = next(tasks[k]) if answer is None else tasks[k].send(answer)
+            except StopIteration as end:
+                results[k] = end.value
+        answers = dict(zip(requests, _answer_requests(list(requests.values())), strict=True))
+    return [results[k] for k in range(len(tasks))]
+
+
+def _answer_requests(requests: list[WindowRequest]) -> list[list[Prediction]]:
+    """Predict the windows of several requests, together where they are of one model that can."""
+    answers: list[list[Prediction]] = [[] for _ in requests]
+    for kind in {(id(one.model), one.has_jacobians) for one in requests}:
+        alike = [k for k, one in enumerate(requests) if (id(one.model), one.has_jacobians) == kind]
+        cases = [(k, window, requests[k].point) for k in alike for window in requests[k].windows]
+        model, has_jacobians = requests[alike[0]].model, requests[alike[0]].has_jacobians
+        starts, shared = [point.starts[window] for _, window, point in cases], [one.shared for _, _, one in cases]
+        ahead = simulate_ahead(model, [window for _, window, _ in cases], starts, shared, has_jacobians)
+        predict = linearize_window if has_jacobians else simulate_window
+        for k, window, point in cases:
+            answers[k].append(predict(ahead, window, point.starts[window], point.shared))
+    return answers
+
+
+def _predict_windows(
+    model: ShootingModel, point: Iterate, windows: tuple[int, ...], has_jacobians: bool
+) -> ChainTask[Iterate]:
+    """Return an iterate with predictions of these windows."""
+    predictions = list(point.windows)
+    if windows:
+        own = yield WindowRequest(model, windows, point, has_jacobians)
+        for k, one in zip(windows, own, strict=True):
+            predictions[k] = one
+    return replace(point, windows=tuple(predictions))
 
 
 def _extract_chain(problem: ShootingProblem, point: Iterate, chain: int) -> ChainIterate:
@@ -203,34 +246,22 @@ def simulate_chains(problem: ShootingProblem, starts: tuple[FloatArray, ...], sh
         The iterate at these values.
     """
     point = Iterate(starts, shared, (NOT_SIMULATED,) * len(starts), np.zeros(len(problem.chains) + 1))
-    point, _ = _map_groups(problem, _simulate_chains_task, point, _group_chains(problem))
+    point, _ = map_chains(problem, _simulate_chain_task, point, range(len(problem.chains)))
     point.costs[-1] = prior_cost(problem.model.unknowns, shared)
     return point
 
 
-def _simulate_chains_task(
-    problem: ShootingProblem, point: Iterate, chains: Sequence[int]
-) -> tuple[Iterate, list[None]]:
-    numbers = [k for chain in chains for k in problem.chains[chain]]
-    own = [point.starts[k] for k in numbers]
-    model = simulate_ahead(problem.model, numbers, own, [point.shared] * len(own), has_jacobians=False)
-    for chain in chains:
-        point = simulate_chain(problem, point, chain, point.starts, model)
-    return point, [None] * len(chains)
+def _simulate_chain_task(problem: ShootingProblem, point: Iterate, chain: int) -> ChainTask[tuple[Iterate, None]]:
+    return (yield from simulate_chain(problem, point, chain, point.starts)), None
 
 
 def simulate_chain(
-    problem: ShootingProblem,
-    point: Iterate,
-    chain: int,
-    starts: tuple[FloatArray, ...],
-    model: ShootingModel | None = None,
-) -> Iterate:
-    """Replace the start states of one chain by those of `starts` and simulate it, with a model that may know them."""
-    predictions, costs = list(point.windows), point.costs.copy()
-    for k in problem.chains[chain]:
-        predictions[k] = simulate_window(model or problem.model, k, starts[k], point.shared)
-    simulated = Iterate(starts, point.shared, tuple(predictions), costs)
+    problem: ShootingProblem, point: Iterate, chain: int, starts: tuple[FloatArray, ...]
+) -> ChainTask[Iterate]:
+    """Replace the start states of one chain by those of `starts` and simulate it."""
+    costs = point.costs.copy()
+    moved = Iterate(starts, point.shared, point.windows, costs)
+    simulated = yield from _predict_windows(problem.model, moved, problem.chains[chain], has_jacobians=False)
     costs[chain] = chain_cost(problem, simulated, chain)
     return simulated
 
@@ -245,40 +276,29 @@ def linearize_chains(problem: ShootingProblem, point: Iterate) -> tuple[Iterate,
     Returns:
         The iterate with all Jacobians, and one block of normal equations per chain.
     """
-    return _map_groups(problem, _linearize_chains_task, point, _group_chains(problem))
+    return map_chains(problem, _linearize_chain_task, point, range(len(problem.chains)), True)
 
 
 def assemble_normal_equations(problem: ShootingProblem, point: Iterate) -> list[ChainBlock]:
     """Assemble the normal equations of every chain: states, shared search coordinates, and their coupling."""
-    return _map_groups(problem, _assemble_chains_task, point, _group_chains(problem))[1]
+    return map_chains(problem, _linearize_chain_task, point, range(len(problem.chains)), False)[1]
 
 
-def _linearize_chains_task(
-    problem: ShootingProblem, point: Iterate, chains: Sequence[int]
-) -> tuple[Iterate, list[ChainBlock]]:
+def _linearize_chain_task(
+    problem: ShootingProblem, point: Iterate, chain: int, keeps_jacobians: bool
+) -> ChainTask[tuple[Iterate, ChainBlock]]:
     scale = value_derivatives(problem.model.unknowns, point.shared)
-    numbers = [k for chain in chains for k in problem.chains[chain]]
-    numbers = [k for k in numbers if isinstance(point.windows[k], SimulatedWindow)]
-    own = [point.starts[k] for k in numbers]
-    model = simulate_ahead(problem.model, numbers, own, [point.shared] * len(own), has_jacobians=True)
-    for chain in chains:
-        point = _linearize_windows(problem, point, chain, model)
-    return point, [_assemble_block(problem, point, chain, 1.0, scale) for chain in chains]
+    linearized = yield from _linearize_windows(problem, point, chain, problem.model)
+    block = _assemble_block(problem, linearized, chain, 1.0, scale)
+    return linearized if keeps_jacobians else point, block
 
 
-def _assemble_chains_task(
-    problem: ShootingProblem, point: Iterate, chains: Sequence[int]
-) -> tuple[Iterate, list[ChainBlock]]:
-    return point, _linearize_chains_task(problem, point, chains)[1]
-
-
-def _linearize_windows(problem: ShootingProblem, point: Iterate, chain: int, model: ShootingModel) -> Iterate:
+def _linearize_windows(
+    problem: ShootingProblem, point: Iterate, chain: int, model: ShootingModel
+) -> ChainTask[Iterate]:
     """Linearize those windows of one chain that have no Jacobians yet."""
-    predictions = list(point.windows)
-    for k in problem.chains[chain]:
-        if isinstance(predictions[k], SimulatedWindow):
-            predictions[k] = linearize_window(model, k, point.starts[k], point.shared)
-    return replace(point, windows=tuple(predictions))
+    missing = tuple(k for k in problem.chains[chain] if isinstance(point.windows[k], SimulatedWindow))
+    return (yield from _predict_windows(model, point, missing, has_jacobians=True))
 
 
 def _count_first_observations(window: Window, share: float) -> int:
@@ -301,9 +321,9 @@ def chain_cost(problem: ShootingProblem, point: Iterate, chain: int, share: floa
     return cost if np.isfinite(cost) else float("inf")
 
 
-def assemble_state_block(problem: ShootingProblem, point: Iterate, chain: int, share: float) -> ChainBlock:
+def assemble_state_block(problem: ShootingProblem, point: Iterate, chain: int, share: float) -> ChainTask[ChainBlock]:
     """Assemble the normal equations of the states of one chain alone, of the first `share` of its windows."""
-    linearized = _linearize_windows(problem, point, chain, problem.state_model)
+    linearized = yield from _linearize_windows(problem, point, chain, problem.state_model)
     return _assemble_block(problem, linearized, chain, share, np.empty(0))
 
 

@@ -44,6 +44,8 @@ from pipeline.reporting.text.text_formatting import escape_text
 _USUAL_SIGMA = 1e-3
 # Recorded poses in which bodies are tested for contact: a second of a fast robot.
 _MOST_POSES = 500
+# Recorded poses, at rest, from which a function is tried.
+_TRIED_STATES = 5
 # Share of a turn by which a recorded angle jumps where a sensor begins anew: no joint turns as far between two rows.
 _JUMP_SHARE = 0.75
 # Largest rotation vector, rad, of a body whose turns are compared: at half a turn it jumps to the other side.
@@ -125,12 +127,14 @@ def _read_shots(paths: Sequence[Path], simulator_name: str) -> MechanismShots:
     named = [one for one in name_joints(numbered) if NUMBERED_JOINT.fullmatch(one.name)]
     simulator = read_function(simulator_name, named)
     shots = _match_shots(tables, simulator)
-    first = shots.recordings[0]
-    observed = [[joint.name for joint in simulator.joints].index(name) for name in first.bodies]
-    state = simulator.rest.copy()
-    state[observed] = np.nan_to_num(first.positions[0, :, 0])
-    try_function(simulator, state)
-    return shots
+    poses = _sample_poses(shots)
+    poses = poses[:: max(len(poses) // _TRIED_STATES, 1)]
+    simulator = try_function(simulator, np.concatenate([poses, 0 * poses], axis=1))
+    slow = (
+        f"{escape_text(simulator_name)} takes one state at a time; a search takes many times as long as with a function"
+        " of arrays that have a row per coordinate and a column per run"
+    )
+    return replace(shots, simulator=simulator, notes=shots.notes if simulator.takes_columns else (*shots.notes, slow))
 
 
 def _sample_poses(shots: MechanismShots) -> FloatArray:

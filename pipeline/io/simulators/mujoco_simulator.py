@@ -90,6 +90,7 @@ class MujocoSimulator:
     """A MuJoCo model; see `models.estimation.gap_scenes.outside_simulator.OutsideSimulator`."""
 
     takes_forces = True
+    takes_columns = False
     failure = "MuJoCo finds no finite motion"
 
     def __init__(self, model: Any, touching: tuple[tuple[int, int], ...] = ()) -> None:

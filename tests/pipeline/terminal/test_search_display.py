@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from io import StringIO
 from pathlib import Path
 
@@ -40,8 +41,18 @@ def test_a_terminal_shows_the_best_answer_so_far_and_the_time_left() -> None:
     assert "best so far: nothing" in show_activity(terminal=True, outlook=SearchOutlook((), 3, 9))
 
 
-def test_a_file_gets_no_output() -> None:
-    assert show_activity(terminal=False) == ""
+def test_a_file_gets_a_line_every_ten_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
+    console = Console(file=StringIO(), force_terminal=False, width=100)
+    with show_search_progress(console, "table-01") as watch:
+        for clock[0], effect in ((101.0, "lens"), (111.0, "slope"), (120.0, "wind"), (121.5, "squirt")):
+            watch("trying", (effect,), SearchOutlook(("slope",), 2, 8))
+    assert isinstance(console.file, StringIO)
+    assert console.file.getvalue().splitlines() == [
+        "table-01: trying: slope (best so far: slope; about 44 s left)",
+        "table-01: trying: squirt (best so far: slope; about 86 s left)",
+    ]
 
 
 @pytest.mark.parametrize("terminal", [True, False])

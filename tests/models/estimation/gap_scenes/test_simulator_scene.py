@@ -210,6 +210,26 @@ def test_windows_that_are_simulated_together_are_those_simulated_alone():
                 np.testing.assert_allclose(one.shared_jacobian, other.shared_jacobian, rtol=1e-6, atol=1e-6)
 
 
+def test_a_fit_simulates_once_per_step_where_derivatives_cost_nothing(monkeypatch: pytest.MonkeyPatch):
+    scene, seen = build_servo_scene()
+    free = np.array(
+        [f"{owner}.{one.name}" == "actuator_gain.limit" for owner, one in zip(scene.owners, scene.priors, strict=True)]
+    )
+    counts, fits, calls = [], [], []
+    monkeypatch.setattr(SimulatorScene, "simulate", lambda own, some: calls.append(1) or simulate(own, some))
+    for takes_columns in (False, True):
+        scene.simulator.takes_columns = takes_columns  # type: ignore[misc]
+        calls.clear()
+        model = fix_parameters(scene.build_model(seen, (), free), stated(scene), free, scene.priors)
+        fits.append(fit_windows(model, options=ShootingOptions(iterations=10, is_smooth=True)))
+        counts.append(len(calls))
+    assert np.array_equal(fits[0].shared, fits[1].shared)
+    assert counts[1] < 0.7 * counts[0]
+
+
+simulate = SimulatorScene.simulate
+
+
 MOTOR = SERVO.replace('<position name="servo" joint="arm" kp="100" kv="2" forcerange="-{0} {0}"/>', "{0}")
 
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from support.bouncing_ball import NOTHING, Bounces, filmed, flight
 
+from models.core.typing import FloatArray
 from models.estimation.multiple_shooting.shooting_fit import (
     ShootingFit,
     convert_to_priors,
@@ -20,6 +23,7 @@ from models.estimation.multiple_shooting.shooting_windows import (
     LinearizedWindow,
     Window,
     find_sensitive_observation,
+    fix_parameters,
 )
 from models.numerics.statistics import correlation_factor
 from models.physics.effect import Prior
@@ -213,3 +217,32 @@ def test_a_refitted_shot_does_not_change_the_states_of_others() -> None:
 def tighten_prior(prior: Prior) -> Prior:
     """Return a prior so narrow that a fit does not move it."""
     return replace(prior, sigma=1e-9)
+
+
+@dataclass(frozen=True)
+class TogetherBounces(Bounces):
+    """The same, simulated several windows at a time; `groups` has their numbers."""
+
+    simulates_together: ClassVar[bool] = True
+    groups: ClassVar[list[tuple[int, ...]]] = []
+
+    def simulate_ahead(
+        self, windows: Sequence[int], starts: Sequence[FloatArray], shared: Sequence[FloatArray], has_jacobians: bool
+    ) -> TogetherBounces:
+        self.groups.append(tuple(windows))
+        return self
+
+
+@pytest.mark.parametrize("has_parameters", [True, False])
+def test_windows_are_simulated_together_and_fitted_as_each_alone(has_parameters: bool) -> None:
+    model = split_windows(filmed(np.random.default_rng(3), 6, 0.002), 0.7)
+    own = {one.name: getattr(model, one.name) for one in fields(model)}
+    results = []
+    for scene in (Bounces(**own), TogetherBounces(**own)):
+        fixed = fix_parameters(scene, TRUTH, np.full(2, has_parameters), scene.unknowns)
+        results.append(fit_windows(fixed, TRUTH[: 2 * has_parameters]))
+    alone, together = results
+    assert np.array_equal(alone.shared, together.shared)
+    assert all(map(np.array_equal, alone.starts, together.starts))
+    # searches end after different numbers of steps, but most steps of all shots are taken side by side
+    assert np.mean([len(one) for one in TogetherBounces.groups]) > len(model.windows) / 3

@@ -19,6 +19,7 @@ PENDULUM = """<mujoco><option timestep="0.002"/><worldbody><body>
 <actuator><position name="servo" joint="hinge" kp="5"/></actuator></mujoco>"""
 FUNCTION = "import numpy as np\n\ndef swing(state, inputs, dt):\n    {}\n"
 GOOD = "q, v = state\n    v = v - dt * 9.81 * np.sin(q)\n    return np.array([q + dt * v, v])"
+MATH = "q, v = state\n    v = v - dt * 9.81 * float(np.sin(q))\n    return [q + dt * v, v]"
 
 
 @pytest.fixture
@@ -176,6 +177,7 @@ def test_a_malformed_file_of_a_simulator_is_refused(tmp_path: Path, simulator: s
         ("exit(3)", "Exit: 3"),
         ("return np.nan * state", "it went to [nan nan]"),
         (GOOD, ""),
+        (MATH, ""),
     ],
 )
 def test_a_function_is_tried_before_it_is_used(
@@ -189,7 +191,9 @@ def test_a_function_is_tried_before_it_is_used(
     if part:
         assert part in refuse(paths, f"{module}:swing")
     else:
-        assert read_mechanism_shots(paths, f"{module}:swing").recordings[0].bodies == ("q",)
+        shots = read_mechanism_shots(paths, f"{module}:swing")
+        assert shots.recordings[0].bodies == ("q",)
+        assert any("takes one state at a time" in note for note in shots.notes) == (body == MATH)
     assert "cannot be imported" in refuse(paths, f"{module}:nothing")
 
 
