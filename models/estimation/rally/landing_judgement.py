@@ -138,7 +138,7 @@ def judge_landing(rally: Rally, area: str | None = None) -> LandingCall:
     )
     # where the last hit is doubtful, so is the half in which a landing is good
     weight = sum(one.weight for one in landings) * sum(share for _, share in targets)
-    doubt = None if best is None else _find_doubt(rally, best)
+    doubt = None if best is None or best.is_rolling else _find_doubt(rally, best)
     probability = float(np.clip(inside, 0.0, weight)) if doubt is None else INDIFFERENT * weight
     out = float(weight - probability)
     verdict: Literal["in", "out", "undecided"] = "undecided"
@@ -223,6 +223,41 @@ def find_last_hit(rally: Rally, before: float = math.inf) -> RallyEvent | None:
     return max(hits, key=lambda one: one.t, default=None)
 
 
+def weigh_hitter(rally: Rally, hit: RallyEvent) -> float:
+    """Return the probability that the player of the last hit hit last: of this hit, or of any of several."""
+    player, chance = rally.last_player
+    return max(hit.probability, chance) if hit.player == player else hit.probability
+
+
+def name_half(rally: Rally, landing: LandingHypothesis) -> str:
+    """Name the half of the court in which a landing lies."""
+    return rally.scene.sport.halves[int(landing.place[0] > rally.scene.sport.length / 2)]
+
+
+def judge_point(rally: Rally, call: LandingCall) -> tuple[str, float]:
+    """Judge who won the point that a landing ends.
+
+    The probability contains those of the landing and of the hit before it. A ball that rolls on one half of a table
+    was not returned from there, or did not cross the net from there: whoever hit it last, that player has lost.
+
+    Returns:
+        The half of the more probable winner, empty where that is not known, and the probability of this winner. It is
+        decided from `SURE_PROBABILITY` on, and nothing is where the law of flight explains too little.
+    """
+    sport, landing = rally.scene.sport, call.landing
+    if landing is not None and landing.is_rolling:
+        sigma = max(math.sqrt(float(landing.covariance[0, 0])), LEAST_SIGMA)
+        far = float(ndtr((landing.place[0] - sport.length / 2) / sigma))
+        return sport.halves[int(far < INDIFFERENT)], landing.weight * max(far, 1 - far)
+    hit = find_last_hit(rally, math.inf if landing is None else landing.t)
+    if hit is None or not hit.player:
+        return "", 0.0
+    other = sport.halves[1 - sport.halves.index(hit.player)]
+    if call.probability >= call.out_probability:
+        return hit.player, call.probability
+    return other, call.out_probability
+
+
 def _weigh_targets(
     rally: Rally, area: str, best: LandingHypothesis | None
 ) -> list[tuple[tuple[Rectangle, ...], float]]:
@@ -241,8 +276,7 @@ def _weigh_targets(
         return [(halves[True], far), (halves[False], 1 - far)]
     here = halves[hit.player in FORWARD]
     sides = {(one[1] + one[3]) / 2 > sport.width / 2 for one in here}
-    player, chance = rally.last_player
-    sure = max(hit.probability, chance) if hit.player == player else hit.probability
+    sure = weigh_hitter(rally, hit)
     if len(here) < 2 or len(sides) < 2:
         return [(here, sure)]
     sigma = max(math.sqrt(float(hit.covariance[1, 1])), LEAST_SIGMA)
@@ -345,7 +379,7 @@ def _name_half(sport: Sport, targets: list[tuple[tuple[Rectangle, ...], float]])
 
 def _find_speed(rally: Rally, landing: LandingHypothesis | None) -> tuple[float, float]:
     """Find the speed at a landing and its sigma, m/s: of the event there, else of the continued flight."""
-    if landing is None:
+    if landing is None or landing.is_rolling:
         return math.nan, math.nan
     touches = [one for one in rally.events if one.kind in ("landing", "bounce")]
     event = min(touches, key=lambda one: abs(one.t - landing.t), default=None)
