@@ -6,7 +6,7 @@ straight and even path on the playing surface, where gravity would bend a flight
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,20 +26,8 @@ _LEAST_BEND = 4 * REST_PX
 _FASTEST, _LEAST_WAY, _MOST_MISSED = 3.0, 0.2, 2
 
 
-@dataclass(frozen=True, slots=True)
-class Roll:
-    """A ball that rolls."""
-
-    rows: IntArray
-    """(N,) frames that show it."""
-    place: FloatArray
-    """(3,) m, of its centre where it begins."""
-    covariance: FloatArray
-    """(3, 3) m^2, the camera's share left out."""
-
-
-def find_last_roll(rally: Rally) -> Roll | None:
-    """Find the last roll of a ball on a table; None without one, or without a table."""
+def find_last_roll(rally: Rally) -> IntArray | None:
+    """Find the frames (N,) that show the last roll of a ball on a table; None without one, or without a table."""
     rows, sport = np.flatnonzero(np.isfinite(rally.px[:, 0])), rally.scene.sport
     if sport.floor == 0 or not len(rows):
         return None
@@ -54,7 +42,7 @@ def find_last_roll(rally: Rally) -> Roll | None:
             first -= 1
         own = slice(first, last + 1)
         if _is_roll(rally, rows[own], places[own]):
-            return Roll(rows[own], places[first], _find_covariance(rally, int(rows[first])))
+            return rows[own]
     return None
 
 
@@ -76,13 +64,12 @@ def _is_roll(rally: Rally, rows: IntArray, places: FloatArray) -> bool:
     return bend >= _LEAST_BEND and _LEAST_WAY <= way <= _FASTEST * duration
 
 
-def _find_covariance(rally: Rally, row: int) -> FloatArray:
-    """Find the covariance (3, 3), m^2, of the place on the table that is seen in a frame."""
-    camera, height, frame = rally.scene.camera, rally.scene.sport.object.radius, rally.frame[row]
+def _locate(rally: Rally, row: int) -> tuple[FloatArray, FloatArray]:
+    """Locate what a frame shows on the table: its place (3,), m, and the covariance (3, 3), m^2."""
     pixels = rally.px[row] + np.array([[0, 0], [1, 0], [0, 1]]) * float(rally.px_sigma[row].max())
-    places = camera.to_court(pixels, height, np.full(3, frame))
+    places = rally.scene.camera.to_court(pixels, rally.scene.sport.object.radius, rally.frame[[row] * 3])
     by = places[1:] - places[0]
-    return np.asarray(by.T @ by + np.eye(3) * 1e-8)
+    return places[0], np.asarray(by.T @ by + np.eye(3) * 1e-8)
 
 
 def end_at_roll(rally: Rally, candidates: BallCandidates) -> Rally:
@@ -90,12 +77,12 @@ def end_at_roll(rally: Rally, candidates: BallCandidates) -> Rally:
 
     Flights and events from there on are left out, and the roll is the landing: it touches the table there, or before.
     """
-    roll, hits = find_last_roll(rally), [one.t for one in rally.events if one.kind == "hit"]
-    if roll is None or not hits or max(hits) > float(rally.t[roll.rows[-1]]):  # it may roll before the service, too
+    rows, hits = find_last_roll(rally), [one.t for one in rally.events if one.kind == "hit"]
+    if rows is None or not hits or max(hits) > rally.t[rows[-1]]:  # it may roll before the service, too
         return rally
-    begin, interval = float(rally.t[roll.rows[0]]), float(np.median(np.diff(rally.t)))
-    chance = (1 - SLIP) * weigh_looks(_find_scores(rally, candidates, roll.rows))
-    rolling = LandingHypothesis(chance, begin, interval, roll.place, roll.covariance, is_seen=True, is_rolling=True)
+    begin, interval = float(rally.t[rows[0]]), float(np.median(np.diff(rally.t)))
+    chance = (1 - SLIP) * weigh_looks(_find_scores(rally, candidates, rows))
+    rolling = LandingHypothesis(chance, begin, interval, *_locate(rally, int(rows[0])), is_seen=True, is_rolling=True)
     flights = tuple(replace(one, end=min(one.end, begin)) for one in rally.flights if _is_before(rally, one, begin))
     stop = flights[-1].end if flights else begin
     return replace(

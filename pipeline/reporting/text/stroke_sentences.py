@@ -15,13 +15,8 @@ from models.core.number_format import (
     format_with_sigma,
 )
 from models.core.rally import LandingHypothesis, Rally
-from models.estimation.rally.landing_judgement import (
-    LandingCall,
-    find_last_hit,
-    judge_point,
-    name_half,
-    weigh_hitter,
-)
+from models.estimation.rally.landing_judgement import LandingCall, find_last_hit, weigh_hitter
+from models.estimation.rally.point_judgement import judge_point, name_half
 from models.estimation.rally.stroke_summary import Stroke
 from pipeline.reporting.text.rally_sentences import format_height_over_net, format_landing
 

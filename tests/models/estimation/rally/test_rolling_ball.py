@@ -11,7 +11,8 @@ from support.staged_rally import FPS, stage_rally
 from models.core.constants import GRAVITY
 from models.core.rally import BallCandidates, Rally
 from models.core.typing import FloatArray
-from models.estimation.rally.landing_judgement import judge_landing, judge_point
+from models.estimation.rally.landing_judgement import judge_landing
+from models.estimation.rally.point_judgement import judge_point
 from models.estimation.rally.rolling_ball import end_at_roll, find_last_roll
 from models.sports.sport_catalogue import find_sports
 from pipeline.reporting.text.stroke_sentences import format_point
