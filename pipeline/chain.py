@@ -29,7 +29,7 @@ from pipeline.engine.stage_graph import RunWatcher, StageGraph, accept_result
 from pipeline.io.corrections_file import corrections_path, read_corrections
 from pipeline.io.run_folder import SOURCE_FILE, STAGE_FILES, TABLES, read_source
 from pipeline.io.run_views import view_inputs
-from pipeline.io.saved_shot import publish_shot
+from pipeline.io.saved_shot import holds_rally, publish_shot
 from pipeline.io.shot_laws import keep_laws
 from pipeline.reporting.text.fit_sentences import format_corrections
 from pipeline.reporting.text.rally_sentences import assess_rally_trust
@@ -271,7 +271,7 @@ def run_tables(
     watcher: RunWatcher,
     shot: ClipShot | None = None,
     publishes: bool = True,
-) -> tuple[Clip, Scene, Tracks, Fit, str]:
+) -> tuple[Clip, Scene, Tracks, Fit, str] | tuple[Clip, Rally, str]:
     """Run the stages up to the tables, and publish these alone: video, recording and report take longer, and stay.
 
     Args:
@@ -283,30 +283,31 @@ def run_tables(
         publishes: Whether to write to the folder at all.
 
     Returns:
-        Clip, scene, tracks, views of the shot, and the digest of the tables.
+        Clip, scene, tracks, views of the shot, and the digest of the tables; of a rally: clip, rally and digest. A
+        clip whose folder holds a rally shows one, unless a sport is named.
 
     Raises:
         TruerollError: The clip or an option cannot be used. No unfinished file remains.
     """
     corrected = honour_corrections(clip, hash_clip(clip) if shot is None else shot.whole.digest, options, shot)
-    if corrected.court.has_court:
-        raise OptionError(
-            f"the page does not correct {corrected.court.sport}; write what is wrong into {corrections_path(clip)}, and"
-            " use trueroll run"
-        )
+    is_found = holds_rally(folder) and corrected.court.sport is None
+    is_rally = corrected.court.has_court or is_found
     require_writable_folder(folder)
     require_clip_not_overwritten(clip, folder)
     with open_frame_memory() as memory:
-        graph = build_run_graph(clip, options, shot, memory=memory).select("export")
+        build = build_court_graph if is_rally else build_run_graph
+        graph = build(clip, options, shot, memory=memory).select("export")
         entries = graph.run(cache, watcher)
     if publishes:
         report_tables = find_report_tables(folder)
         publish_files(entries, folder, keeps_older=True)
         write_source(clip, folder, options, shot, report_tables)
+    tables = hash_tables(entries["export"].folder)
+    if is_rally:
+        return graph.load("read", entries), graph.load("rally", entries), tables
     values: dict[str, Any] = {one: graph.load(one, entries) for one in ("read", "explain", "laws") if one in entries}
     explained: Shot = values["explain"]
-    views = explained.scene, explained.tracks, view_inputs(values, options.fit)
-    return values["read"], *views, hash_tables(entries["export"].folder)
+    return values["read"], explained.scene, explained.tracks, view_inputs(values, options.fit), tables
 
 
 def hash_clip(path: Path) -> str:

@@ -114,6 +114,9 @@ class LandingHypothesis:
     """(3, 3) m^2, the camera's share included."""
     is_seen: bool
     """Whether frames show the object up to there; otherwise the flight is continued by its physics."""
+    is_rolling: bool = False
+    """Whether it is seen to roll on the table from there on, so that nobody returns it; it touched it there, or before.
+    """
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

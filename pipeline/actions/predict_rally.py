@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from models.core.answer import Answer, Quantity
+from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.errors import OptionError
 from models.core.number_format import format_moment, format_with_sigma
 from models.core.progress import ignore_progress
@@ -24,7 +25,9 @@ from pipeline.reporting.text.text_formatting import summarize_trust
 LEAST_PAST_S = 0.1
 
 
-def predict_rally(rally: Rally, seconds: float, at: float | None, folder: Path) -> Answer:
+def predict_rally(
+    rally: Rally, seconds: float, at: float | None, folder: Path, corrections: Corrections = NO_CORRECTIONS
+) -> Answer:
     """Predict where the object flies from a moment on, by the places at which it was seen until then.
 
     Which detections are of the object was decided with the whole clip; the flight and its errors use those until then.
@@ -33,6 +36,7 @@ def predict_rally(rally: Rally, seconds: float, at: float | None, folder: Path) 
         seconds: How far to predict, s; a prediction ends at the playing surface or the floor.
         at: Time to predict from, s; None for the last place at which it was seen.
         folder: Folder of the results; created if it does not exist.
+        corrections: What a person corrected; places and events until then count.
 
     Returns:
         Where it would land unless somebody returns it, with the difference from what was seen later.
@@ -41,14 +45,16 @@ def predict_rally(rally: Rally, seconds: float, at: float | None, folder: Path) 
         OptionError: The time is outside of what was seen, or no flight is known there.
     """
     require_writable_folder(folder)
-    path, answer = state_flight_prediction(rally, seconds, at)
+    path, answer = state_flight_prediction(rally, seconds, at, corrections)
     write_flight_prediction(path, rally.scene.sport.object.name, folder / "prediction.csv")
     write_json(answer.document, folder / "prediction.json")
     document = {"folder": str(folder), **answer.document}
     return replace(answer, document=document, figures=(str(folder / "prediction.csv"),))
 
 
-def state_flight_prediction(rally: Rally, seconds: float, at: float | None) -> tuple[PlacesInSpace, Answer]:
+def state_flight_prediction(
+    rally: Rally, seconds: float, at: float | None, corrections: Corrections = NO_CORRECTIONS
+) -> tuple[PlacesInSpace, Answer]:
     """Predict a flight without writing files; the arguments and errors are those of `predict_rally`.
 
     Returns:
@@ -63,7 +69,7 @@ def state_flight_prediction(rally: Rally, seconds: float, at: float | None) -> t
         raise OptionError(
             f"must lie within what was seen, {first + LEAST_PAST_S:.3f} to {last:.3f} s; got {t:g}", option="at"
         )
-    past = rally if t == last else explain_past(rally, t)
+    past = rally if t == last else explain_past(rally, t, corrections)
     if not past.flights:
         raise OptionError(f"is a time at which a flight is known; {t:g} s is none, a later one may be", option="at")
     path = _continue_from(past, t, seconds)
@@ -93,8 +99,8 @@ def state_flight_prediction(rally: Rally, seconds: float, at: float | None) -> t
     )  # fmt: skip
 
 
-def explain_past(rally: Rally, t: float) -> Rally:
-    """Explain a rally by what was seen until a time, s."""
+def explain_past(rally: Rally, t: float, corrections: Corrections = NO_CORRECTIONS) -> Rally:
+    """Explain a rally by what was seen, and what a person corrected, until a time, s."""
     from models.estimation.rally.explain_rally import explain_rally  # slow to import
 
     rows = np.flatnonzero(rally.t <= t + 1e-9)
@@ -103,7 +109,10 @@ def explain_past(rally: Rally, t: float) -> Rally:
         rally.frame[own], rally.px[own], rally.streak[own], np.ones(len(own)), rally.px_sigma[own, 0],
         rally.px_sigma[own, 1], rally.players[rally.players[:, 0] <= rally.frame[rows[-1]]],
     )  # fmt: skip
-    return explain_rally(rally.scene, candidates, rally.frame[rows], rally.t[rows], ignore_progress)
+    last = int(rally.frame[rows[-1]])
+    past = corrections.select_span(int(rally.frame[rows[0]]), last + 1)
+    past = replace(past, events=tuple(one for one in past.events if one.frame <= last and (one.to_frame or 0) <= last))
+    return explain_rally(rally.scene, candidates, rally.frame[rows], rally.t[rows], ignore_progress, past)
 
 
 def _continue_from(past: Rally, t: float, seconds: float) -> PlacesInSpace:

@@ -37,10 +37,11 @@ from pipeline.app.shot_library import ShotLibrary
 from pipeline.chain import hash_tables
 from pipeline.editing.edit_session import EditSession
 from pipeline.editing.edited_clip import FrameImages, continue_run_options, find_edited_clip, find_run_clip
+from pipeline.editing.rally_view import CourtRun
 from pipeline.editing.run_view import ClipRun
 from pipeline.engine.result_cache import ResultCache, open_cache
 from pipeline.engine.stage_graph import SilentWatcher
-from pipeline.io.corrections_file import read_corrections
+from pipeline.io.corrections_file import read_corrections, read_noted_corrections
 from pipeline.io.run_folder import SOURCE_FILE, read_source
 from pipeline.io.run_views import record_shot, view_run
 from pipeline.io.saved_shot import SHOT_FILE, SHOT_FOLDER, read_saved, require_rally, require_shot
@@ -111,10 +112,19 @@ class OpenShot:
             return self._record
 
     @property
-    def run(self) -> ClipRun:
+    def corrections(self) -> Corrections:
+        """What a person had corrected when the run was made."""
+        if isinstance(self.saved, Shot):
+            return self.saved.corrections
+        return read_noted_corrections(self.folder)
+
+    @property
+    def run(self) -> ClipRun | CourtRun:
         """The values of the run that the page needs."""
         scene = read_json(self.folder / "scene.json", "A run folder has a scene.json")
         fps = float(scene.get("fps") or 0.0) if isinstance(scene, dict) else 0.0
+        if isinstance(self.saved, Rally):
+            return CourtRun(fps, self.saved, hash_tables(self.folder))
         return ClipRun(fps, self.shot.scene, self.shot.tracks, self.fit, hash_tables(self.folder))
 
     @property
@@ -297,7 +307,7 @@ class ShotDesk:
 
         Raises:
             Refusal: There is no such shot.
-            OptionError: It cannot be corrected, such as a rally, or a shot whose clip was moved.
+            OptionError: It cannot be corrected, such as a shot whose clip was moved.
         """
         with self._lock:
             session = self.find_session(shot)
@@ -309,7 +319,7 @@ class ShotDesk:
             marks = read_corrections(edited.path, edited.digest).corrections
             if edited.first is not None and edited.stop is not None:
                 marks = marks.select_span(edited.first, edited.stop)
-            is_current = _list_marks(marks) == _list_marks(opened.shot.corrections)
+            is_current = _list_marks(marks) == _list_marks(opened.corrections)
             session = EditSession(
                 edited, continue_run_options(edited, RunOptions()), self._cache, opened.run if is_current else None,
                 partial(self._library.announce, type="shot", id=shot),
@@ -360,7 +370,7 @@ class ShotDesk:
 
 def _list_marks(corrections: Corrections) -> tuple[object, ...]:
     """List what was marked by hand; the settings of a run are noted elsewhere."""
-    return corrections.balls, corrections.tracks, corrections.contacts
+    return corrections.balls, corrections.tracks, corrections.contacts, corrections.events
 
 
 def _hash_state(folder: Path) -> str:

@@ -11,7 +11,6 @@ import numpy as np
 from models.core.errors import OptionError
 from models.core.events import Events
 from models.core.fit_result import Fit
-from models.core.number_format import format_probability, format_time
 from models.core.rally import Rally
 from models.core.scene import POCKETS, Table
 from models.core.trajectory import Trajectory
@@ -21,13 +20,15 @@ from models.estimation.rally.landing_judgement import judge_landing
 from models.estimation.rally.stroke_summary import Stroke, sample_flights, summarize_strokes
 from models.physics.billiards.cushion_geometry import find_mouth_line
 from models.physics.billiards.tables import TABLE_PRESETS
+from models.sports.sport_catalogue import find_sports
 from pipeline.app.open_shots import OpenShot
 from pipeline.editing.edit_session import EditSession
-from pipeline.editing.run_view import describe_frames, describe_run
+from pipeline.editing.rally_view import CourtRun, describe_rally_run
+from pipeline.editing.run_view import ClipRun, describe_run
 from pipeline.io.strict_json import read_json
 from pipeline.reporting.pages.run_report import SUMMARY_FILE, answer_standard_questions
 from pipeline.reporting.text.number_sentences import format_shot_line, list_number_rows
-from pipeline.reporting.text.rally_sentences import assess_rally_trust, format_landing, format_rally_event
+from pipeline.reporting.text.rally_sentences import format_landing, format_rally_event
 from pipeline.reporting.text.shot_summary import ShotSummary, summarize_shots
 from pipeline.reporting.text.stroke_sentences import NOT_KNOWN, STROKE_HEADINGS, format_point, list_stroke_rows
 from pipeline.reporting.text.text_formatting import start_sentence
@@ -48,20 +49,27 @@ def describe_shot(opened: OpenShot, session: EditSession | None, why_no_session:
     Returns:
         JSON values; NaN may be among them.
     """
-    state: dict[str, Any] = {
-        "revision": 0, "result": 0, "corrections": {}, "set_by_hand": [],
-        "notice": why_no_session, "run": None,
-    }  # fmt: skip
-    if session is not None:
-        state = session.describe() | asdict(session.status)
+    state = _describe_state(session, why_no_session)
     if state["run"] is None:  # until the first run of a session
-        state["run"] = describe_run(opened.run, None, opened.shot.corrections)
+        run = opened.run
+        assert isinstance(run, ClipRun)
+        state["run"] = describe_run(run, None, opened.shot.corrections)
     if opened.motion is None:
         opened.motion = _describe_motion(opened)
     return state | opened.motion | {
         "kind": "shot", "tables": list(TABLE_PRESETS), "game": opened.shot.scene.table.game,
         "balls_on": list(FIRST_BALL_GROUPS[opened.shot.scene.table.game]), "clip": opened.has_clip,
         "video": _describe_video(opened, float(opened.shot.tracks.t[0]), float(opened.shot.tracks.t[-1])),
+    }  # fmt: skip
+
+
+def _describe_state(session: EditSession | None, why_no_session: str) -> dict[str, Any]:
+    """Describe the corrections and the run of a session; None as run without one, or until its first run."""
+    if session is not None:
+        return session.describe() | asdict(session.status)
+    return {
+        "revision": 0, "result": 0, "corrections": {}, "set_by_hand": [],
+        "notice": why_no_session, "run": None,
     }  # fmt: skip
 
 
@@ -147,28 +155,22 @@ def _describe_video(opened: OpenShot, begin: float, end: float) -> dict[str, Any
     return {"file": SLOW_MOTION, "map": [[0.0, start], [(end - start) * slow, end]]}
 
 
-def describe_rally(opened: OpenShot) -> dict[str, Any]:
-    """Describe a rally over a net; the return value is that of `describe_shot`."""
-    rally = opened.rally
+def describe_rally(opened: OpenShot, session: EditSession | None, why_no_session: str = "") -> dict[str, Any]:
+    """Describe a rally over a net; arguments and return value are those of `describe_shot`."""
+    rally, state = opened.rally, _describe_state(session, why_no_session)
+    if state["run"] is None:  # until the first run of a session
+        run = opened.run
+        assert isinstance(run, CourtRun)
+        state["run"] = describe_rally_run(run, None, opened.corrections)
     sport, name = rally.scene.sport, rally.scene.sport.object.name
     strokes, call = summarize_strokes(rally), judge_landing(rally)
-    point, trust = format_point(rally, call), assess_rally_trust(rally)
+    point = format_point(rally, call)
     middle, out = sport.length / 2, sport.net.overhang
     flights = sample_flights(rally, 1 / PLAN_HZ)
-    camera = rally.scene.camera
-    return {
-        "kind": "rally", "run": None, "revision": 0, "result": 0, "notice": "",
+    return state | {
+        "kind": "rally", "tables": [],
         "summary": [point.headline, point.reason, f"How sure: {point.confidence}"],
         "numbers": _describe_stroke_numbers(rally, strokes),
-        "trust": {"level": trust.level, "reasons": list(trust.reasons)},
-        "frames": describe_frames(rally.frame, rally.t),
-        "image": [camera.width_px, camera.height_px],
-        "balls": [
-            {"id": name, "name": name, "path": [
-                [int(rally.frame[k]), *np.round(rally.px[k], 2).tolist(), 1]
-                for k in np.flatnonzero(np.isfinite(rally.px[:, 0]))
-            ]}
-        ],
         "areas": list(sport.areas),
         "plan": {
             "length": sport.length, "width": sport.width, "sport": sport.name, "halves": list(sport.halves),
@@ -185,15 +187,7 @@ def describe_rally(opened: OpenShot) -> dict[str, Any]:
             }
             for one in strokes
         ],
-        "events": [
-            {
-                "kind": one.kind, "t": one.t, "t_sigma": one.t_sigma, "text": format_rally_event(one, name),
-                "share": format_probability(one.probability), "when": format_time(one.t, one.t_sigma),
-                "probability": one.probability, "player": one.player,
-                "frame": round(float(np.interp(one.t, rally.t, rally.frame)), 3),
-            }
-            for one in rally.events
-        ],
+        "sports": list(find_sports()),
         "video": _describe_video(opened, float(rally.t[0]), float(rally.t[-1])),
         "clip": opened.has_clip,
     }  # fmt: skip

@@ -123,14 +123,14 @@ class ShotHandlers:
     def _describe(self, shot: str) -> dict[str, Any]:
         opened = self._desk.open(shot)
         own = {"id": shot, "version": _name_version(opened), "name": self._desk.name_shot(opened)}
-        if isinstance(opened.saved, Rally):
-            return describe_rally(opened) | own
         session: EditSession | None = None
         why_not = ""
         try:
             session = self._desk.open_session(shot)
         except (TruerollError, OSError) as error:
             why_not = f"This shot cannot be corrected: {format_error(error, for_page=True)}"
+        if isinstance(opened.saved, Rally):
+            return describe_rally(opened, session, why_not) | own
         opened.warm_up()
         return describe_shot(opened, session, why_not) | own
 
@@ -187,7 +187,7 @@ class ShotHandlers:
     def _predict(self, shot: str, at: float | None, seconds: float) -> dict[str, Any]:
         opened = self._desk.open(shot)
         if isinstance(opened.saved, Rally):
-            path, answer = state_flight_prediction(opened.saved, seconds, at)
+            path, answer = state_flight_prediction(opened.saved, seconds, at, opened.corrections)
             name = opened.saved.scene.sport.object.name
             return _describe_answer(answer) | {"paths": list_paths([name], path.t, path.xyz[:, None])}
         record = opened.record

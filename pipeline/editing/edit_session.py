@@ -17,6 +17,7 @@ from models.core.progress import Progress
 from models.estimation.hand_marks.resolved_marks import update_ball_names
 from pipeline.chain import find_report_tables, hash_tables, run_clip, run_tables
 from pipeline.editing.edited_clip import EditedClip
+from pipeline.editing.rally_view import CourtRun, describe_rally_run
 from pipeline.editing.run_view import ClipRun, describe_run
 from pipeline.engine.atomic_write import write_text
 from pipeline.engine.result_cache import ResultCache
@@ -80,7 +81,7 @@ class EditSession:
     """The corrections of one clip and its runs; safe to use from several threads."""
 
     def __init__(
-        self, edited: EditedClip, options: RunOptions, cache: ResultCache, shown: ClipRun | None = None,
+        self, edited: EditedClip, options: RunOptions, cache: ResultCache, shown: ClipRun | CourtRun | None = None,
         on_change: Callable[[], None] = lambda: None, history: Path | None = None,
     ) -> None:  # fmt: skip
         """Start the session, and its first run unless there is one to begin with.
@@ -98,7 +99,7 @@ class EditSession:
         self._file = self._start_from(read_corrections(edited.path, edited.digest))
         self._history = history
         self._undo, self._redo = ([], []) if history is None else _read_history(history, self._file)
-        self._run: ClipRun | None = None
+        self._run: ClipRun | CourtRun | None = None
         self._view: dict[str, Any] | None = None
         self._result, self._stage, self._share, self._error = -1, "", 0.0, ""
         self._outputs, self._notice = "missing", ""
@@ -106,7 +107,7 @@ class EditSession:
         self._wanted: Literal["", "tables", "all"] = "tables"
         if shown is not None:
             self._wanted = ""
-            self._show((shown, describe_run(shown, None, self._file.corrections)), self._file.revision)
+            self._show((shown, _describe(shown, None, self._file.corrections)), self._file.revision)
         self._is_closed = False
         self._worker = threading.Thread(target=self._work, daemon=True)
         self._worker.start()
@@ -131,13 +132,15 @@ class EditSession:
         """Describe corrections and run for the page."""
         with self._lock:
             corrections, run = self._file.corrections, self._run
-            present = corrections if run is None else update_ball_names(corrections, run.tracks)
+            present, naming = corrections, Naming()
+            if isinstance(run, ClipRun):
+                present, naming = update_ball_names(corrections, run.tracks), run.fit.naming
             return {
                 "name": self.edited.name,
                 "revision": self._file.revision,
                 "result": self._result,
                 "corrections": describe_corrections(corrections),
-                "set_by_hand": format_corrections(present, Naming() if run is None else run.fit.naming),
+                "set_by_hand": format_corrections(present, naming),
                 "notice": self._notice,
                 "run": self._view,
             }
@@ -253,7 +256,7 @@ class EditSession:
             try:
                 if wanted == "tables" or self._result != revision:
                     run = self._run_tables(watcher, options, revision)
-                    view = describe_run(run, before, corrections)
+                    view = _describe(run, before, corrections)
                     self._show((run, view), revision)
                 if wanted == "all":
                     shot = self._read_shot(watcher)
@@ -265,18 +268,19 @@ class EditSession:
             except Exception as error:  # no error of a run may end the session
                 self._fail(format_error(error, for_page=True), revision)
 
-    def _run_tables(self, watcher: _SessionWatcher, options: RunOptions, revision: int) -> ClipRun:
+    def _run_tables(self, watcher: _SessionWatcher, options: RunOptions, revision: int) -> ClipRun | CourtRun:
         """Run the stages up to the tables; before the first correction the folder stays as it is."""
         path, folder, shot = self.edited.path, self.edited.folder, self._read_shot(watcher)
         tables = hash_tables(folder)
         publishes = not tables or revision != self._first_revision
-        clip, scene, tracks, fit, digest = run_tables(path, folder, options, self._cache, watcher, shot, publishes)
-        run = ClipRun(float(clip.fps), scene, tracks, fit, digest)
+        values = run_tables(path, folder, options, self._cache, watcher, shot, publishes)
+        kind = CourtRun if len(values) == 3 else ClipRun
+        run: ClipRun | CourtRun = kind(float(values[0].fps), *values[1:])
         differs = not publishes and run.tables != tables
         self._notice = format_recomputed(str(folder), watcher.ran) if differs else ""
         return run
 
-    def _assess_outputs(self, run: ClipRun) -> str:
+    def _assess_outputs(self, run: ClipRun | CourtRun) -> str:
         """Assess whether video, report and recording in the folder are of a run: current, older or missing."""
         if not all((self.edited.folder / name).exists() for name in (*STAGE_FILES["report"], *STAGE_FILES["record"])):
             return "missing"
@@ -290,7 +294,7 @@ class EditSession:
         number = int("".join(filter(str.isdigit, self.edited.folder.name)) or 1) - 1
         return read_recording_shot(self.edited.path, self._options, (first, stop), number, self._cache, watcher)
 
-    def _show(self, result: tuple[ClipRun, dict[str, Any]] | None, revision: int) -> None:
+    def _show(self, result: tuple[ClipRun | CourtRun, dict[str, Any]] | None, revision: int) -> None:
         run = self._run if result is None else result[0]
         outputs = "missing" if run is None else self._assess_outputs(run)
         tables = hash_tables(self.edited.folder)
@@ -314,6 +318,13 @@ class EditSession:
                 self._stage = ""
                 raise SupersededError
             self._stage, self._share = stage, share
+
+
+def _describe(run: ClipRun | CourtRun, before: ClipRun | CourtRun | None, corrections: Corrections) -> dict[str, Any]:
+    """Describe a run for the page; one of another kind, after a sport was set, is not compared with it."""
+    if isinstance(run, CourtRun):
+        return describe_rally_run(run, before if isinstance(before, CourtRun) else None, corrections)
+    return describe_run(run, before if isinstance(before, ClipRun) else None, corrections)
 
 
 def _read_history(path: Path, present: CorrectionsFile) -> tuple[list[Corrections], list[Corrections]]:

@@ -16,9 +16,7 @@ import cv2
 from models.core.errors import OptionError, TruerollError
 from models.core.typing import ImageArray
 from pipeline.chain import default_run_folder, hash_clip
-from pipeline.io.corrections_file import corrections_path
-from pipeline.io.run_folder import SOURCE_FILE, read_source
-from pipeline.io.saved_shot import holds_rally
+from pipeline.io.run_folder import SOURCE_FILE
 from pipeline.io.strict_json import read_json
 from pipeline.run_options import RunOptions, build_options, list_changed_values
 from video.io.clip import Clip, read_frames
@@ -66,11 +64,6 @@ def find_edited_clip(target: Path) -> EditedClip:
         if target.is_dir() and not any(target.glob("*.png")):
             raise OptionError(f"A run folder or a clip was expected; {target} is neither: first do trueroll run CLIP")
         return EditedClip(target, default_run_folder(target), hash_clip(target))
-    if holds_rally(target):
-        raise OptionError(
-            f"{target} holds a rally, which the page does not correct; write what is wrong into"
-            f" {corrections_path(Path(str(read_source(target).get('path', 'the clip'))))}, and use trueroll run"
-        )
     return find_run_clip(target)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -194,43 +195,54 @@ def _list_contradictions(run: ClipRun, corrections: Corrections) -> list[dict[st
     return rows
 
 
-def compare_events(before: Events, after: Events, naming: Naming) -> list[dict[str, str]]:
-    """Compare the events of two runs.
+@dataclass(frozen=True, slots=True)
+class ComparedEvent:
+    """An event of a run, as two runs are compared."""
 
-    Args:
-        before: Events of the earlier run.
-        after: Events of the later run.
-        naming: What balls, rails and pockets are called.
+    what: object
+    """What two events must have in common to be one."""
+    t: float
+    t_sigma: float
+    probability: float
+    text: str
+
+
+def compare_events(before: Events, after: Events, naming: Naming) -> list[dict[str, str]]:
+    """Compare the events of two runs; `naming` is what balls, rails and pockets are called."""
+    rows = (
+        [
+            ComparedEvent((one.kind[k], frozenset((one.a[k], one.b[k]))), float(one.t[k]), float(one.t_sigma[k]),
+                     float(one.probability[k]), f"{format_event_time(one, k)}: {format_event(one, k, naming)}")
+            for k in range(len(one))
+        ]
+        for one in (before, after)
+    )  # fmt: skip
+    return compare_event_rows(*rows)
+
+
+def compare_event_rows(before: Sequence[ComparedEvent], after: Sequence[ComparedEvent]) -> list[dict[str, str]]:
+    """Compare the events of an earlier and a later run.
 
     Returns:
         Per difference its `kind`, added, removed or changed, and a `text`.
     """
     changes = []
-    unmatched = list(range(len(before)))
-    for k in range(len(after)):
-        same = [
-            i for i in unmatched
-            if before.kind[i] == after.kind[k] and {before.a[i], before.b[i]} == {after.a[k], after.b[k]}
-            and abs(before.t[i] - after.t[k]) <= SAME_EVENT_S
-        ]  # fmt: skip
-        text = f"{format_event_time(after, k)}: {format_event(after, k, naming)}"
+    unmatched = list(before)
+    for row in after:
+        same = [one for one in unmatched if one.what == row.what and abs(one.t - row.t) <= SAME_EVENT_S]
         if not same:
-            changes.append({"kind": "added", "text": text})
+            changes.append({"kind": "added", "text": row.text})
             continue
-        i = min(same, key=lambda row: abs(before.t[row] - after.t[k]))
-        unmatched.remove(i)
-        moved = float(after.t[k] - before.t[i])
-        if abs(moved) > NOTED_SIGMAS * math.hypot(before.t_sigma[i], after.t_sigma[k]):
-            changes.append({"kind": "changed", "text": f"{text}, {1000 * abs(moved):.1f} ms "
+        own = min(same, key=lambda one: abs(one.t - row.t))
+        unmatched.remove(own)
+        moved = row.t - own.t
+        if abs(moved) > NOTED_SIGMAS * math.hypot(own.t_sigma, row.t_sigma):
+            changes.append({"kind": "changed", "text": f"{row.text}, {1000 * abs(moved):.1f} ms "
                             f"{'later' if moved > 0 else 'earlier'} than before"})  # fmt: skip
-        elif abs(after.probability[k] - before.probability[i]) > NOTED_SHARE:
-            old, new = (format_probability(p) for p in (before.probability[i], after.probability[k]))
-            changes.append({"kind": "changed", "text": f"{text}: probability {new} instead of {old}"})
-    changes += [
-        {"kind": "removed", "text": f"{format_event_time(before, i)}: {format_event(before, i, naming)}"}
-        for i in unmatched
-    ]
-    return changes
+        elif abs(row.probability - own.probability) > NOTED_SHARE:
+            old, new = (format_probability(one.probability) for one in (own, row))
+            changes.append({"kind": "changed", "text": f"{row.text}: probability {new} instead of {old}"})
+    return changes + [{"kind": "removed", "text": one.text} for one in unmatched]
 
 
 def _describe_balls(run: ClipRun) -> list[dict[str, Any]]:

@@ -13,7 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.errors import OptionError
 from pipeline.engine.atomic_write import write_text
-from pipeline.io.strict_json import UNKNOWN_KEY_ERRORS, format_first_error
+from pipeline.io.strict_json import UNKNOWN_KEY_ERRORS, format_first_error, read_json
 
 SCHEMA = "trueroll.corrections/1"
 SUFFIX = ".corrections.json"
@@ -78,6 +78,16 @@ def read_corrections(clip: Path, digest: str = "") -> CorrectionsFile:
     if digest and read.clip_sha256 and read.clip_sha256 != digest:
         raise OptionError(f"{path} belongs to another clip than {clip.name}; move it away to run without it")
     return read
+
+
+def read_noted_corrections(folder: Path) -> Corrections:
+    """Read which corrections the run of a rally honoured, by the scene.json of its folder; none where it notes none."""
+    scene = read_json(folder / "scene.json", "A run folder has a scene.json")
+    noted = scene.get("set_by_hand", {}) if isinstance(scene, dict) else {}
+    try:
+        return parse_corrections({"schema": SCHEMA, **noted}).corrections
+    except (ValueError, TypeError) as error:
+        raise OptionError(f"{folder / 'scene.json'} notes corrections that cannot be used: {error}") from error
 
 
 def write_corrections(clip: Path, content: CorrectionsFile) -> None:

@@ -21,6 +21,7 @@ import trueroll
 from models.core.court_camera import CourtScene
 from models.core.errors import OptionError
 from models.core.progress import Progress, ignore_progress
+from models.core.rally import Rally
 from models.sports.sport_catalogue import find_sports
 from pipeline.actions.diagnose_batch import group_by_table
 from pipeline.api import RallyRun
@@ -292,9 +293,11 @@ def test_the_sport_of_a_corrections_file_counts_before_a_run_too(courts: Home, t
     corrections_path(clip).write_text('{"schema": "trueroll.corrections/1", "sport": "tennis"}')
     options, cache = RunOptions(), ResultCache(courts.cache)
     assert len(find_recording_shots(clip, options, cache, QuietFollower()).shots) == 3
-    with pytest.raises(OptionError, match="the page does not correct tennis"):
-        run_tables(clip, tmp_path / "out", options, cache, QuietFollower())
-    assert not (tmp_path / "out").exists()
+    _, rally, *_ = run_tables(clip, tmp_path / "out", options, cache, QuietFollower())
+    assert isinstance(rally, Rally)
+    assert rally.scene.sport.name == "tennis"
+    assert (tmp_path / "out" / "events.csv").is_file()
+    assert not (tmp_path / "out" / "report.html").exists()
 
 
 def test_a_check_grades_the_view_of_a_court(courts: Home, tmp_path: Path) -> None:

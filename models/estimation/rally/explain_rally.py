@@ -45,6 +45,7 @@ from models.estimation.rally.rally_marks import (
     settle_marks,
 )
 from models.estimation.rally.rally_revision import WORST_RIVAL, Doubt, leave_out_flights, revise_structures, weigh_fit
+from models.estimation.rally.rolling_ball import end_at_roll
 
 # m and s up to which events of the same kinds are the same: far less than two explanations differ by.
 _SAME_PLACE, _SAME_MOMENT = 0.25, 0.02
@@ -96,7 +97,7 @@ def explain_rally(
     if lost := find_contradicted(rally, marks):  # it must not cost what is right
         others = tuple(mark for mark in marks if mark not in lost)
         rally = combine_explanations(find_explanations(scene, candidates, frame, t, progress, places, others))
-    return settle_marks(rally, places, marks)
+    return settle_marks(end_at_roll(rally, candidates), places, marks)
 
 
 def find_explanations(

@@ -138,7 +138,7 @@ def judge_landing(rally: Rally, area: str | None = None) -> LandingCall:
     )
     # where the last hit is doubtful, so is the half in which a landing is good
     weight = sum(one.weight for one in landings) * sum(share for _, share in targets)
-    doubt = None if best is None else _find_doubt(rally, best)
+    doubt = None if best is None or best.is_rolling else _find_doubt(rally, best)
     probability = float(np.clip(inside, 0.0, weight)) if doubt is None else INDIFFERENT * weight
     out = float(weight - probability)
     verdict: Literal["in", "out", "undecided"] = "undecided"
@@ -223,6 +223,12 @@ def find_last_hit(rally: Rally, before: float = math.inf) -> RallyEvent | None:
     return max(hits, key=lambda one: one.t, default=None)
 
 
+def weigh_hitter(rally: Rally, hit: RallyEvent) -> float:
+    """Return the probability that the player of the last hit hit last: of this hit, or of any of several."""
+    player, chance = rally.last_player
+    return max(hit.probability, chance) if hit.player == player else hit.probability
+
+
 def _weigh_targets(
     rally: Rally, area: str, best: LandingHypothesis | None
 ) -> list[tuple[tuple[Rectangle, ...], float]]:
@@ -241,8 +247,7 @@ def _weigh_targets(
         return [(halves[True], far), (halves[False], 1 - far)]
     here = halves[hit.player in FORWARD]
     sides = {(one[1] + one[3]) / 2 > sport.width / 2 for one in here}
-    player, chance = rally.last_player
-    sure = max(hit.probability, chance) if hit.player == player else hit.probability
+    sure = weigh_hitter(rally, hit)
     if len(here) < 2 or len(sides) < 2:
         return [(here, sure)]
     sigma = max(math.sqrt(float(hit.covariance[1, 1])), LEAST_SIGMA)
@@ -345,7 +350,7 @@ def _name_half(sport: Sport, targets: list[tuple[tuple[Rectangle, ...], float]])
 
 def _find_speed(rally: Rally, landing: LandingHypothesis | None) -> tuple[float, float]:
     """Find the speed at a landing and its sigma, m/s: of the event there, else of the continued flight."""
-    if landing is None:
+    if landing is None or landing.is_rolling:
         return math.nan, math.nan
     touches = [one for one in rally.events if one.kind in ("landing", "bounce")]
     event = min(touches, key=lambda one: abs(one.t - landing.t), default=None)

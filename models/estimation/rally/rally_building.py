@@ -172,9 +172,13 @@ def weigh_flights(candidates: BallCandidates, sight: Sight, fit: RallyFit, used:
         if len(rows) < _JUDGED_PLACES:
             chances.append(1.0)
             continue
-        looks = score[rows[used[rows]]]
-        chances.append(float(1 - (1 - looks.mean()) ** _JUDGED_PLACES) if len(looks) else 0.0)
+        chances.append(weigh_looks(score[rows[used[rows]]]))
     return chances
+
+
+def weigh_looks(scores: FloatArray) -> float:
+    """Compute the probability that any of places with scores (N,) shows the object; 0 without places."""
+    return float(1 - (1 - scores.mean()) ** _JUDGED_PLACES) if len(scores) else 0.0
 
 
 def _fill_places(

@@ -275,6 +275,8 @@ export const text = {
   },
   settings: {
     title: "Table and clip",
+    court: "Court and clip",
+    sport: "Sport",
     table: "Table",
     recognised: "recognised by the program",
     tableIs: ({ name, length, width }) => `${name}, ${length} x ${width} m`,
@@ -292,6 +294,13 @@ export const text = {
     preparing: "Preparing the frames for corrections",
     tools: "Corrections",
     hint: "Click a ball, an event or a corner to correct it.",
+    rallyHint: "Click an event, the object or a corner to correct it.",
+    falseBall: "Nothing within 8 px of this place is the shuttle or ball, in any frame.",
+    placeHere: "Place the shuttle or ball in this frame",
+    markHere: {
+      hit: (frame) => `Hit at frame ${frame}`, bounce: (frame) => `Bounce at frame ${frame}`,
+      net: (frame) => `Touch of the net at frame ${frame}`, landing: (frame) => `Landing at frame ${frame}`,
+    },
     check: (number, count, reason) => `Check ${number} of ${count}: ${reason}`,
     cancel: "Cancel (Esc)",
     undo: "Undo",
@@ -303,6 +312,7 @@ export const text = {
     starting: "Starting",
     failed: (why) => `The run failed: ${why}`,
     stages: {
+      court: "Locating the court", candidates: "Detecting the shuttle or ball", rally: "Explaining the rally",
       read: "Reading the clip", calibrate: "Locating the table", detect: "Detecting balls", place: "Measuring placed balls",
       track: "Tracking balls", motion: "Fitting the motion", explain: "Explaining the shot", fit: "Fitting the whole shot", background: "Seeing behind the balls",
       poster: "Drawing the poster", page: "Writing the report", export: "Writing the tables", render: "Rendering the slow motion",
@@ -343,6 +353,10 @@ export const text = {
     happenedAt: (frame) => `Happened at frame ${frame}`,
     atFrame: "At frame",
     set: "Set",
+    rallyKeys: [
+      ["← →", "frame, with Shift ten"], ["Space", "play"], ["N P", "next event, event before"], ["D", "place to check"],
+      ["B", "place the shuttle or ball"], ["V", "move an event here"], ["Del", "no such event, no ball"], ["Z", "undo"], ["Esc", "cancel"],
+    ],
     keys: "Keys",
     keyName: (key) => (key.length > 1 ? "Del" : key.toUpperCase()),
     keyList: [

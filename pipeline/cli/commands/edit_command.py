@@ -21,6 +21,7 @@ def edit(
 ) -> None:
     """Correct a run by hand on the page of trueroll app, without code; later runs of the clip honour the corrections.
 
+    Of a rally: hits, bounces, touches of the net, landings (frames), places of the object (px), corners (px) and sport.
     The options of the run need not be given again; corrections beat them.
 
     Args:

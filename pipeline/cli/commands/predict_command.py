@@ -12,6 +12,7 @@ from models.core.errors import OptionError
 from models.estimation.forecast.ensemble_prediction import ENSEMBLE_SIZE
 from pipeline.engine.atomic_write import parse_output_path
 from pipeline.engine.result_cache import open_cache
+from pipeline.io.corrections_file import read_noted_corrections
 from pipeline.io.particle_files import is_particle_source
 from pipeline.io.saved_shot import holds_rally, read_rally
 from pipeline.terminal import command_line as cli
@@ -53,7 +54,7 @@ def predict(
     if holds_rally(place):
         from pipeline.actions.predict_rally import predict_rally  # slow to import
 
-        return predict_rally(read_rally(place), seconds, at, folder)
+        return predict_rally(read_rally(place), seconds, at, folder, read_noted_corrections(place))
     if is_particle_source(place):
         from pipeline.actions.particle_motion import predict_particles  # slow to import
 

@@ -21,6 +21,7 @@ from models.estimation.rally.landing_judgement import judge_landing
 from models.estimation.rally.rally_views import evaluate_rally
 from models.estimation.rally.stroke_summary import Stroke, summarize_strokes
 from pipeline.engine.atomic_write import replace_file
+from pipeline.io.rally_files import build_rally_clock
 from pipeline.reporting.recording.recorded_shot import (
     VIDEO_TIME,
     arrange_panels,
@@ -47,7 +48,7 @@ NET_PARTS, IMAGE_DISTANCE = 24, 3.0
 
 
 def write_rally_recording(clip: Clip, rally: Rally, candidates: BallCandidates, path: Path, title: str) -> None:
-    """Write the recording of a rally, with a blueprint; its timelines are seconds and frames of the clip.
+    """Write the recording of a rally, with a blueprint; its timelines are seconds and frames as the clip shows them.
 
     Entities: `court/` in m (lines, net, flights, events, object), `picture/` in px (video, candidates, used places,
     flights), `plots/` (height m, speed m/s), `log/events` and `about`.
@@ -148,7 +149,8 @@ def _log_camera(stream: rr.RecordingStream, clip: Clip, rally: Rally) -> None:
     motions = camera.motion_of(rally.frame)
     if motions is None:
         return
-    for frame, t, motion in zip(rally.frame.tolist(), rally.t.tolist(), motions, strict=True):
+    shown = clip.times_of(rally.frame).tolist()
+    for frame, t, motion in zip(rally.frame.tolist(), shown, motions, strict=True):
         own, turned = split_projection(motion @ intrinsic @ turn)
         stream.set_time(VIDEO_TIME, duration=t)
         stream.set_time("frame", sequence=frame)
@@ -166,6 +168,11 @@ def split_projection(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
     return upper / upper[2, 2], flip @ (q * signs).T
 
 
+def _build_columns(clip: Clip, rally: Rally, t: FloatArray) -> list[rr.TimeColumn]:
+    """Build both time columns for times t (K,) s at which something happened: when the clip shows it."""
+    return build_time_columns(build_rally_clock(clip, rally).presentation_time_at(t), clip)
+
+
 def _log_candidates(stream: rr.RecordingStream, clip: Clip, rally: Rally, candidates: BallCandidates) -> None:
     """Log the candidates with their scores, and the places to which the flights were fitted."""
     frames, counts = np.unique(candidates.frame, return_counts=True)
@@ -177,7 +184,7 @@ def _log_candidates(stream: rr.RecordingStream, clip: Clip, rally: Rally, candid
     used = np.isfinite(rally.px[:, 0]) & rally.is_used
     if used.any():
         points = rr.Points2D.columns(positions=rally.px[used], radii=np.full(int(used.sum()), 5.0))
-        stream.send_columns("picture/used", build_time_columns(rally.t[used], clip), points)
+        stream.send_columns("picture/used", _build_columns(clip, rally, rally.t[used]), points)
     stream.log("picture/used", rr.Points2D.from_fields(colors=[*EVENT_COLOUR, 160]), static=True)
 
 
@@ -191,14 +198,15 @@ def _log_stroke(stream: rr.RecordingStream, clip: Clip, rally: Rally, stroke: St
     name, camera = f"{stroke.hit.t:07.3f}", rally.scene.camera
     look = {"colors": SIDE_COLOURS[stroke.hit.player], "radii": rr.Radius.ui_points(1.5)}
     stream.log(f"court/flights/{name}", rr.LineStrips3D([to_viewer(xyz, camera)], **look), static=True)
-    shown = rally.t[(rally.t >= stroke.hit.t) & (rally.t <= stroke.end)]
-    frames = clip.frames_shown_at(shown)
+    rows = (rally.t >= stroke.hit.t) & (rally.t <= stroke.end)
+    frames = rally.frame[rows]
     lines = [camera.to_pixels(xyz, int(frame)).astype(np.float32) for frame in frames]
     entity = f"picture/flights/{name}"
     stream.log(entity, rr.LineStrips2D.from_fields(**look), static=True)
     if len(lines):
-        stream.send_columns(entity, build_time_columns(shown, clip), rr.LineStrips2D.columns(strips=lines))
-        stream.set_time(VIDEO_TIME, duration=float(shown[-1]) + PATH_STEP_S)
+        times = _build_columns(clip, rally, rally.t[rows])
+        stream.send_columns(entity, times, rr.LineStrips2D.columns(strips=lines))
+        stream.set_time(VIDEO_TIME, duration=float(clip.times_of(frames[-1:])[0]) + PATH_STEP_S)
         stream.set_time("frame", sequence=int(frames[-1]) + 1)
         stream.log(entity, rr.Clear(recursive=False))
         stream.reset_time()
@@ -212,14 +220,14 @@ def _log_object(stream: rr.RecordingStream, clip: Clip, rally: Rally) -> None:
         return
     places = to_viewer(path.xyz[there], rally.scene.camera)
     points = rr.Points3D.columns(positions=places).partition(there.astype(np.int64))
-    stream.send_columns("court/object", build_time_columns(rally.t, clip), points)
+    stream.send_columns("court/object", _build_columns(clip, rally, rally.t), points)
     look = rr.Points3D.from_fields(colors=OBJECT_COLOUR, radii=DOT)
     stream.log("court/object", look, static=True)
     values = {"height": path.xyz[:, 2], "speed": np.linalg.norm(path.v, axis=1)}
     for what, column in values.items():
         entity = f"plots/{what}/{sport.object.name}"
         stream.log(entity, rr.SeriesLines(colors=EVENT_COLOUR, names=sport.object.name, widths=1.5), static=True)
-        times = build_time_columns(rally.t, clip)
+        times = _build_columns(clip, rally, rally.t)
         stream.send_columns(entity, times, rr.Scalars.columns(scalars=column))  # NaN interrupts the line
 
 
@@ -228,13 +236,14 @@ def _log_rally_events(stream: rr.RecordingStream, clip: Clip, rally: Rally) -> N
     name, camera = rally.scene.sport.object.name, rally.scene.camera
     if not rally.events:
         return
-    words = [
-        f"{format_time(one.t, one.t_sigma)}: {format_rally_event(one, name)} ({format_probability(one.probability)})"
-        for one in rally.events
-    ]
     t = np.array([one.t for one in rally.events])
+    shown = build_rally_clock(clip, rally).presentation_time_at(t).tolist()
+    words = [
+        f"{format_time(at, one.t_sigma)}: {format_rally_event(one, name)} ({format_probability(one.probability)})"
+        for at, one in zip(shown, rally.events, strict=True)
+    ]
     columns = rr.TextLog.columns(text=words, level=["INFO"] * len(words))
-    stream.send_columns("log/events", build_time_columns(t, clip), columns)
+    stream.send_columns("log/events", _build_columns(clip, rally, t), columns)
     mirror = to_viewer(np.ones(3), camera)
     for k, event in enumerate(rally.events):
         values, axes = np.linalg.eigh(event.covariance * np.outer(mirror, mirror))

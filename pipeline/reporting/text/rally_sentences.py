@@ -127,7 +127,7 @@ def format_landing(call: LandingCall, rally: Rally) -> LandingWords:
         text = f"{start_sentence(verdict)}: no landing of the {name} is known."
         return LandingWords(question, verdict, "", text, "", _format_advice(call, name))
     margin = format_margin(call)
-    would = "landed" if call.landing.is_seen else "would have landed"
+    would = "rolled" if call.landing.is_rolling else "landed" if call.landing.is_seen else "would have landed"
     when = format_time(call.landing.t, call.landing.t_sigma)
     speed = f", at {format_flight_speed(call.speed, call.speed_sigma)}" if math.isfinite(call.speed) else ""
     text = f"{head}: at {when} the {name} {would} {margin}{speed}."

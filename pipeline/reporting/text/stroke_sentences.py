@@ -14,8 +14,9 @@ from models.core.number_format import (
     format_time,
     format_with_sigma,
 )
-from models.core.rally import Rally
-from models.estimation.rally.landing_judgement import LandingCall, find_last_hit
+from models.core.rally import LandingHypothesis, Rally
+from models.estimation.rally.landing_judgement import LandingCall, find_last_hit, weigh_hitter
+from models.estimation.rally.point_judgement import judge_point, name_half
 from models.estimation.rally.stroke_summary import Stroke
 from pipeline.reporting.text.rally_sentences import format_height_over_net, format_landing
 
@@ -42,23 +43,40 @@ def format_point(rally: Rally, call: LandingCall) -> PointWords:
     words, name = format_landing(call, rally), rally.scene.sport.object.name
     hit = find_last_hit(rally, np.inf if call.landing is None else call.landing.t)
     hitter = "" if hit is None or not hit.player else hit.player
+    winner, chance = judge_point(rally, call)
+    if call.landing is not None and call.landing.is_rolling:
+        return _format_rolled_point(rally, call.landing, winner, chance)
     chances = [("in", call.probability), ("out", call.out_probability), ("no landing in view", rally.no_landing)]
     stated = [f"{what}: {format_probability(p)}" for what, p in chances if p >= 0.0005 or what != chances[2][0]]
     confidence = f"{', '.join(stated)} (by the rules of {call.area.replace('-', ' ')})."
-    if hit is not None and hit.probability < SURE_PROBABILITY:
-        confidence += f" That the {hitter} player hit it last: {format_probability(hit.probability)}."
+    sure = weigh_hitter(rally, hit) if hit is not None and hitter else 1.0
+    if sure < SURE_PROBABILITY:
+        confidence += f" These contain that the {hitter} player hit it last: {format_probability(sure)}."
     reason = " ".join(filter(None, [_describe_end(rally, call, hitter), words.advice]))
-    if not hitter or call.verdict == "undecided":
+    if not winner or call.verdict == "undecided":
         if hitter and call.landing is not None:
             reason += f" If it was in, the {hitter} player won; if it was out, the {OTHER_SIDE[hitter]} player."
         return PointWords("Who won the last point cannot be decided.", False, reason, confidence)
-    winner = hitter if call.verdict == "in" else OTHER_SIDE[hitter]
+    end = f": the {name} was {call.verdict}"
     if call.verdict == "in" and _may_go_on(rally, call):
-        clause = f"unless the {OTHER_SIDE[hitter]} player returned it after the clip"
-        return PointWords(f"The {winner} player won the last point, {clause}.", True, reason, confidence)
-    return PointWords(
-        f"The {winner} player won the last point: the {name} was {call.verdict}.", True, reason, confidence
+        end = f", unless the {OTHER_SIDE[hitter]} player returned it after the clip"
+    elif call.verdict == "out" and call.landing is not None and name_half(rally, call.landing) == hitter:
+        end = f": the {name} did not cross the net"
+    return PointWords(f"The {winner} player won the last point{end}.", True, reason, confidence)
+
+
+def _format_rolled_point(rally: Rally, landing: LandingHypothesis, winner: str, chance: float) -> PointWords:
+    """Format who won a point that ends with a ball that rolls on the table."""
+    name, loser = rally.scene.sport.object.name, OTHER_SIDE[winner]
+    reason = (
+        f"From {format_time(landing.t, landing.t_sigma)} on the {name} rolls on the {loser} half of the table: the"
+        f" {loser} player did not return it, or did not get it over the net."
     )
+    confidence = f"That it rolls there: {format_probability(chance)}, whoever hit it last."
+    if chance < SURE_PROBABILITY:
+        return PointWords("Who won the last point cannot be decided.", False, reason, confidence)
+    headline = f"The {winner} player won the last point: the {name} stayed on the {loser} half."
+    return PointWords(headline, True, reason, confidence)
 
 
 def _may_go_on(rally: Rally, call: LandingCall) -> bool:

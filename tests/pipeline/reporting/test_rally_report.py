@@ -235,6 +235,28 @@ def test_the_recording_holds_court_camera_flights_and_events(filmed: tuple[Clip,
     assert any(name.startswith("/court/events/") for name in entities)
 
 
+def test_the_recording_shows_what_happened_when_the_clip_does(filmed: tuple[Clip, Rally], tmp_path: Path) -> None:
+    """Rerun decodes the video by its own times, and everything else must be beside the frame that shows it."""
+    clip, rally = filmed
+    late = 0.013  # s: the frames were taken so much before the clip shows them
+    hit = replace(rally.events[0], t=rally.events[0].t - late)
+    flights = tuple(replace(one, start=one.start - late, end=one.end - late) for one in rally.flights)
+    early = replace(rally, t=rally.t - late, flights=flights, events=(hit,))
+    none = np.empty(0)
+    candidates = BallCandidates(np.empty(0, np.int64), np.empty((0, 2)), np.empty((0, 2)), none, none, none)
+    write_rally_recording(clip, early, candidates, tmp_path / "recording.rrd", "made up")
+    entities = "/picture/used", "/court/object", "/plots/speed/shuttle", "/log/events"
+    times: dict[str, list[float]] = {entity: [] for entity in entities}
+    for chunk in RrdReader(tmp_path / "recording.rrd").stream():
+        batch = chunk.to_record_batch()
+        if chunk.entity_path in times and "video_time" in batch.schema.names:
+            times[chunk.entity_path] += [one.as_py() / 1e9 for one in batch.column("video_time").cast("int64")]
+    for entity in entities[:-1]:
+        assert set(np.round(times[entity], 6)) <= set(np.round(clip.t, 6)), entity
+        assert times[entity], entity
+    assert times["/log/events"] == pytest.approx([rally.events[0].t], abs=1e-6)
+
+
 def test_a_projection_splits_into_camera_and_rotation() -> None:
     intrinsic = np.array([[900.0, 3.0, 320.0], [0, 880.0, 180.0], [0, 0, 1.0]])
     turn = rotation_matrix(np.array([0.3, -1.2, 0.7]))

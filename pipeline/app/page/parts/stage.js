@@ -32,7 +32,7 @@ export function Stage({ shot }) {
   const { question, zoom, tab } = useStore(shot.desk);
   const box = useRef(null);
   const showsFrames = useStore(shot.desk, () => shot.showsFrames);
-  const [width, height] = doc.run?.image ?? doc.image ?? [16, 9];
+  const [width, height] = doc.run?.image ?? [16, 9];
   const room = `calc((100vh - 15rem) * ${width / height})`;
   return html`<div class="stage-box ${question ? "asks" : ""}">
     <div class="scroller" ref=${box} tabindex="0" role="group" aria-label=${text.stage.label} style=${{ "--room": room }}>

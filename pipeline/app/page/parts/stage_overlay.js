@@ -73,6 +73,7 @@ export function StageOverlay({ shot, showsFrames }) {
     const reach = TAP_PX * scale;
     const near = balls.map(({ ball, place: [x, y] }) => [Math.hypot(x - place[0], y - place[1]), ball])
       .filter(([distance, ball]) => distance < Math.max(1.3 * ball.radius, reach)).sort((one, two) => one[0] - two[0])[0];
+    if (shot.isRally && !isCorrecting) return;
     if (isCorrecting) {
       if (near) pickBall(shot, near[1].id);
       else if (event.target.dataset.cushion) pickCushion(shot, event.target.dataset.cushion);
@@ -98,7 +99,7 @@ export function StageOverlay({ shot, showsFrames }) {
         <circle class=${`ball ${point && !point[3] ? "filled-in" : ""} ${isChosen ? "chosen" : ""} ${showsFrames || isChosen ? "" : "unseen"}`}
           cx=${x} cy=${y} r=${ball.radius} stroke=${ball.colour} data-ball=${ball.id}>
             <title>${point && !point[3] ? text.stage.filledIn(ball.name) : ball.name}</title></circle>
-        ${labelled && html`<text class="name" x=${x} y=${y - ball.radius - 6 * scale} font-size=${12 * scale}>${ball.name}
+        ${labelled && !shot.isRally && html`<text class="name" x=${x} y=${y - ball.radius - 6 * scale} font-size=${12 * scale}>${ball.name}
           </text>`}
       </g>`;
     })}

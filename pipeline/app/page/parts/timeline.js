@@ -18,7 +18,7 @@ export function Timeline({ shot }) {
   const { player } = shot;
   const { frames } = player;
   const span = Math.max(frames.end - frames.start, 1e-6);
-  const events = (doc.run?.events ?? doc.events ?? []).filter((one) => one.kind !== "rest");
+  const events = (doc.run?.events ?? []).filter((one) => one.kind !== "rest");
   const when = text.timeline.when(frames.distinct[row], t);
   return html`<section class="timeline" aria-label=${text.timeline.label}>
     <div class="time-track">

@@ -1,6 +1,6 @@
 // What a person does to correct a shot: choose a ball or an event, answer "with which?", drag corners, place a ball.
 import { text } from "../strings.js";
-import { add, findBall, markContact, placeOf, round } from "./marks.js";
+import { add, findBall, markEvent, placeOf, round } from "./marks.js";
 
 // Frames between a place to check and the event that it is about.
 const NEAR_FRAMES = 2.5;
@@ -41,7 +41,11 @@ export function moveCorner(shot, number, dx, dy, movesAll = document.getElementB
 export function finishDrag(shot) {
   const { corners } = shot.desk.get();
   shot.desk.set({ dragged: null });
-  if (corners) shot.change((c) => { c.corners = corners.map((corner) => corner.map(round)); });
+  if (!corners) return;
+  shot.change((c) => {
+    c.corners = corners.map((corner) => corner.map(round));
+    if (shot.isRally) c.sport ??= shot.run.table.name; // else they would be those of a table
+  });
 }
 
 export function startPlacing(shot) {
@@ -70,7 +74,7 @@ export function goToCheck(shot, number) {
 }
 
 const nameBall = (shot, id) => findBall(shot.run, id).name;
-const mark = (shot, contact) => shot.change((c) => markContact(shot.run, c, { kind: "mark", ...contact }));
+const mark = (shot, event) => shot.change((c) => markEvent(shot.run, c, { kind: "mark", ...event }));
 const editTrack = (shot, edit) => shot.change((c) => add(c, "tracks", edit));
 
 /** Let a person point at another ball, and with `cushions` also at a cushion. */
@@ -107,8 +111,11 @@ function reject(shot, id) {
 const split = (shot, id) => editTrack(shot, { kind: "split", ball: placeOf(shot.run, id, shot.frame), first: shot.frame });
 const strike = (shot, id) => mark(shot, { cause: "strike", frame: shot.frame, ball: placeOf(shot.run, id, shot.frame) });
 
+/** Say that an event of a rally happened at the shown frame. */
+export const markHere = (shot, event) => mark(shot, { event, frame: shot.frame });
+
 /** Actions on the chosen ball, by name: their key, and what they do. */
-export const BALL_ACTIONS = {
+const BALL_ACTIONS = {
   swap: { key: "x", run: exchange },
   merge: { key: "m", run: join },
   split: { key: "s", run: split },
@@ -116,3 +123,6 @@ export const BALL_ACTIONS = {
   strike: { key: "k", run: strike },
   none: { key: "Delete", isDanger: true, run: reject },
 };
+
+/** The actions that a shot, or a rally with its one ball, allows. */
+export const listActions = ({ isRally }) => (isRally ? { none: BALL_ACTIONS.none } : BALL_ACTIONS);

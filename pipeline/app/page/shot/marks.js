@@ -6,6 +6,8 @@ import { pointNear } from "./frames.js";
 const NEAR_FRAMES = 2.5;
 // Radii from a place within which a ball is the one that it names.
 const NEAR_RADII = 2;
+/** Kinds of events of a rally. */
+export const RALLY_EVENTS = ["hit", "bounce", "net", "landing"];
 
 /** @typedef {{frame: number, x_px: number, y_px: number, id?: string}} Place */
 
@@ -30,30 +32,39 @@ export function nameAt(run, place) {
   return best?.[1];
 }
 
+/** Where corrections keep an event: those of a rally name no ball, since there is one. */
+const listOf = (event) => (RALLY_EVENTS.includes(event.kind) ? "events" : "contacts");
+
 export const isSameEvent = (one, two) => one.kind === two.kind && one.a === two.a && one.b === two.b
   && Math.abs(one.frame - two.frame) < NEAR_FRAMES;
 
+const hasBodies = (run, mark, event) => mark.event
+  || [event.a, event.b].includes(nameAt(run, mark.ball)) && (mark.cushion ?? event.b) === event.b;
+
 /** The correction that stands for an event; undefined for an event that nobody set. */
-export const findMark = (run, corrections, event) => (corrections.contacts ?? []).find((mark) => mark.kind !== "delete"
-  && mark.cause === event.kind && Math.abs((mark.to_frame ?? mark.frame) - event.frame) < NEAR_FRAMES
-  && [event.a, event.b].includes(nameAt(run, mark.ball)) && (mark.cushion ?? event.b) === event.b);
+export const findMark = (run, corrections, event) => (corrections[listOf(event)] ?? []).find((mark) => mark.kind !== "delete"
+  && (mark.cause ?? mark.event) === event.kind && Math.abs((mark.to_frame ?? mark.frame) - event.frame) < NEAR_FRAMES
+  && hasBodies(run, mark, event));
 
 const isEqual = (one, two) => JSON.stringify(one) === JSON.stringify(two);
 
-export function dropContact(corrections, mark) {
-  corrections.contacts = corrections.contacts.filter((one) => !isEqual(one, mark));
+export function dropMark(corrections, mark) {
+  const list = mark.event ? "events" : "contacts";
+  corrections[list] = corrections[list].filter((one) => !isEqual(one, mark));
 }
 
-/** Mark a contact; it replaces what was set by hand for the same contact, such as its deletion. */
-export function markContact(run, corrections, mark) {
-  const bodies = (one) => [nameAt(run, one.ball), one.other ? nameAt(run, one.other) : one.cushion].sort().join(" ");
-  const isSame = (one) => one.cause === mark.cause && Math.abs((one.to_frame ?? one.frame) - mark.frame) < NEAR_FRAMES
-    && bodies(one) === bodies(mark);
-  corrections.contacts = (corrections.contacts ?? []).filter((one) => !isSame(one));
-  add(corrections, "contacts", mark);
+/** Mark a contact, or an event of a rally; it replaces what was set by hand for the same one, such as its deletion. */
+export function markEvent(run, corrections, mark) {
+  const bodies = (one) => one.event
+    ?? [one.cause, ...[nameAt(run, one.ball), one.other ? nameAt(run, one.other) : one.cushion].sort()].join(" ");
+  const isSame = (one) => Math.abs((one.to_frame ?? one.frame) - mark.frame) < NEAR_FRAMES && bodies(one) === bodies(mark);
+  const list = mark.event ? "events" : "contacts";
+  corrections[list] = (corrections[list] ?? []).filter((one) => !isSame(one));
+  add(corrections, list, mark);
 }
 
-function describeContact(run, kind, event) {
+function describeMark(run, kind, event) {
+  if (listOf(event) === "events") return { kind, event: event.kind, frame: Math.max(event.frame, 0) };
   const at = Math.round(event.frame);
   const contact = { kind, cause: event.kind, frame: Math.max(event.frame, 0), ball: placeOf(run, event.a, at) };
   if (event.kind === "ball") contact.other = placeOf(run, event.b, at);
@@ -64,16 +75,16 @@ function describeContact(run, kind, event) {
 /** Say that a contact did not happen; one that was set by hand is taken back. */
 export function deleteEvent(run, corrections, event) {
   const mark = findMark(run, corrections, event);
-  if (mark) dropContact(corrections, mark);
+  if (mark) dropMark(corrections, mark);
   if (mark?.kind === "mark") return;
-  add(corrections, "contacts", mark ? { ...mark, kind: "delete", to_frame: undefined } : describeContact(run, "delete", event));
+  add(corrections, listOf(event), mark ? { ...mark, kind: "delete", to_frame: undefined } : describeMark(run, "delete", event));
 }
 
 /** Say that a contact happened at another frame. */
 export function moveEvent(run, corrections, event, to) {
   const mark = findMark(run, corrections, event);
   if (mark) mark[mark.kind === "move" ? "to_frame" : "frame"] = to;
-  else add(corrections, "contacts", { ...describeContact(run, "move", event), to_frame: to });
+  else add(corrections, listOf(event), { ...describeMark(run, "move", event), to_frame: to });
 }
 
 /** Set the id or the class of a ball, instead of what was set for it before. @param {"rename" | "class"} kind */
@@ -84,6 +95,6 @@ export function setBall(run, corrections, kind, id, frame, name) {
 
 /** Remove empty lists, which mean the same as none. */
 export function tidy(corrections) {
-  for (const name of ["balls", "tracks", "contacts"]) if (corrections[name] && !corrections[name].length) delete corrections[name];
+  for (const name of ["balls", "tracks", "contacts", "events"]) if (corrections[name] && !corrections[name].length) delete corrections[name];
   return corrections;
 }

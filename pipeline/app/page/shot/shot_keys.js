@@ -1,6 +1,6 @@
 // Keys of the view of a shot.
 import {
-  BALL_ACTIONS, cancelCorrection, finishDrag, goToCheck, moveCorner, pickBall, placeBall, startPlacing,
+  cancelCorrection, finishDrag, goToCheck, listActions, moveCorner, pickBall, placeBall, startPlacing,
 } from "./hand_tools.js";
 import { deleteEvent, moveEvent } from "./marks.js";
 import { PACES } from "./player.js";
@@ -59,7 +59,7 @@ function handleCorrectionKey(shot, key, event) {
 
 function handleChoiceKey(shot, key, { keys, event, ball, question }) {
   const numbered = keys.find((one) => String(one[0]) === key);
-  const action = Object.values(BALL_ACTIONS).find((one) => one.key === key);
+  const action = Object.values(listActions(shot)).find((one) => one.key === key);
   if (numbered) pickBall(shot, numbered[2]);
   else if (event && key === "Delete") {
     shot.desk.set({ event: null });

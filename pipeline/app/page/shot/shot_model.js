@@ -34,6 +34,7 @@ export class ShotModel {
 
   get doc() { return this.state.get().doc; }
   get run() { return this.doc?.run ?? null; }
+  get isRally() { return this.doc?.kind === "rally"; }
   get frame() { return this.player.frames.frameAt(this.player.clock.get().t); }
   /** Whether frames are shown instead of the slow motion: corrections and rings belong to pictures with nothing drawn on them. */
   get showsFrames() {
@@ -82,7 +83,7 @@ export class ShotModel {
   setDoc(doc) {
     if (this.isClosed) return;
     const before = this.doc;
-    const frames = doc.run?.frames ?? doc.frames;
+    const frames = doc.run?.frames;
     if (frames && !this.player) this.player = new Player(new Frames(frames), doc.video);
     else if (frames) this.player.update(new Frames(frames), doc.video);
     const { ball, event } = this.desk.get();
@@ -173,10 +174,10 @@ export class ShotModel {
   /** Ask the last question again, or the first one where there is none, or where it is about a ball that has gone. */
   askAgain() {
     const { answer, bodies } = this.desk.get();
-    const ids = this.run ? ["", ...this.listBodies().map((body) => body.id)] : null;
+    const ids = this.run && !this.isRally ? ["", ...this.listBodies().map((body) => body.id)] : null;
     const isKnown = ({ a = "", b = "" }) => !ids || ids.includes(a) && ids.includes(b);
     if (ids && !bodies.every((body) => ids.includes(body.id))) this.desk.set({ bodies: [] });
-    return this.ask(answer && isKnown(answer.asked) ? answer.asked : { question: "first" });
+    return this.ask(answer && isKnown(answer.asked) ? answer.asked : { question: this.isRally ? "landing" : "first" });
   }
 
   /** Choose a body of the next question; two bodies, one of them a ball, are a question. @param {Body} body */
@@ -209,7 +210,7 @@ export class ShotModel {
   /** Go to the next contact, or with -1 to the one before. */
   stepEvent(step) {
     const { t } = this.player.clock.get();
-    const events = (this.run?.events ?? this.doc.events ?? []).filter((one) => one.kind !== "rest");
+    const events = (this.run?.events ?? []).filter((one) => one.kind !== "rest");
     const next = step > 0 ? events.find((one) => one.t > t + 1e-3) : events.findLast((one) => one.t < t - 1e-3);
     if (next) this.showEvent(next);
   }

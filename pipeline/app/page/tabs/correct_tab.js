@@ -1,7 +1,7 @@
 // Corrections in place: what was measured wrong is said here, and the shot is explained again.
 import { html } from "../html.js";
-import { cancelCorrection, goToCheck, pickBall, startPlacing } from "../shot/hand_tools.js";
-import { dropContact, findMark } from "../shot/marks.js";
+import { cancelCorrection, goToCheck, markHere, pickBall, startPlacing } from "../shot/hand_tools.js";
+import { dropMark, findMark, RALLY_EVENTS } from "../shot/marks.js";
 import { useStore } from "../store.js";
 import { text } from "../strings.js";
 import { Selection } from "./selection_panel.js";
@@ -12,7 +12,7 @@ import { EventList } from "./story_tab.js";
 export function CorrectSide({ shot }) {
   const { doc } = useStore(shot.state);
   if (!doc.run) return null;
-  return html`<${Hint} shot=${shot} /><${Selection} shot=${shot} /><${Changes} shot=${shot} /><${Balls} shot=${shot} />`;
+  return html`<${Hint} shot=${shot} /><${Selection} shot=${shot} /><${Changes} shot=${shot} />${!shot.isRally && html`<${Balls} shot=${shot} />`}`;
 }
 
 export function CorrectTab({ shot }) {
@@ -24,7 +24,7 @@ export function CorrectTab({ shot }) {
       <div><${Events} shot=${shot} /><${Checks} shot=${shot} /></div>
       <div><${SettingsFields} shot=${shot} /><${ByHand} shot=${shot} /></div>
     </div>
-    <${Keys} />
+    <${Keys} shot=${shot} />
   </div>`;
 }
 
@@ -34,7 +34,7 @@ function Hint({ shot }) {
   const { checks } = doc.run;
   return html`<div class=${`hint ${question ? "asks" : ""}`}><span id="hint-text"
     aria-live="polite">${question ? question.words : checks[check]
-    ? text.correct.check(check + 1, checks.length, checks[check].reason) : text.correct.hint}</span>
+    ? text.correct.check(check + 1, checks.length, checks[check].reason) : text.correct[shot.isRally ? "rallyHint" : "hint"]}</span>
     ${question && html`<button id="cancel" onClick=${() => cancelCorrection(shot)}>${text.correct.cancel}</button>`}</div>`;
 }
 
@@ -49,9 +49,10 @@ function Tools({ shot }) {
     <div class="row" role="group" aria-label=${text.correct.tools}>
       <button id="undo" disabled=${!state.can_undo} onClick=${() => shot.undo()}>${text.correct.undo}</button>
       <button id="redo" disabled=${!state.can_redo} onClick=${() => shot.redo()}>${text.correct.redo}</button>
-      <button id="place" onClick=${() => startPlacing(shot)}>${text.correct.place}</button>
+      <button id="place" onClick=${() => startPlacing(shot)}>${text.correct[shot.isRally ? "placeHere" : "place"]}</button>
       <button id="next-check" onClick=${() => goToCheck(shot, check + 1)}>${text.correct.nextCheck}</button>
       <label class="tick-box"><input type="checkbox" id="all-corners" />${text.correct.allCorners}</label>
+      ${shot.isRally && html`<${EventButtons} shot=${shot} />`}
       <button id="finish" class="main" disabled=${Boolean(runs)} onClick=${() => shot.finish()}>${text.correct.finish}
         </button>
     </div>
@@ -61,16 +62,25 @@ function Tools({ shot }) {
   </div>`;
 }
 
+/** Events of a rally that can be marked at the shown frame. */
+function EventButtons({ shot }) {
+  const { row } = useStore(shot.player.clock);
+  const frame = shot.player.frames.distinct[row];
+  const contact = shot.run.balls[0]?.id === "shuttle" ? "bounce" : "landing"; // a shuttle lands, a ball bounces
+  return RALLY_EVENTS.filter((kind) => kind !== contact).map((kind) => html`<button key=${kind} data-mark=${kind}
+    onClick=${() => markHere(shot, kind)}>${text.correct.markHere[kind](frame)}</button>`);
+}
+
 function Changes({ shot }) {
   const { doc } = useStore(shot.state);
   const { contradictions, changes } = doc.run;
   const nothing = doc.revision ? text.correct.sameAsBefore : text.correct.nothingYet;
   return html`<section><h2>${text.correct.changes}</h2><ul id="changes" class="changes">
     ${contradictions.map(({ text: sentence, contact }) => {
-      const mark = shot.isUpToDate && doc.corrections.contacts?.[contact];
+      const mark = shot.isUpToDate && doc.corrections[shot.isRally ? "events" : "contacts"]?.[contact];
       return html`<li key=${sentence} class="against">
         <span>${sentence} </span>${mark && html`<button aria-label=${text.correct.removeLabel(sentence)}
-        onClick=${() => shot.change((c) => dropContact(c, mark))}>${text.correct.remove}</button>`}</li>`;
+        onClick=${() => shot.change((c) => dropMark(c, mark))}>${text.correct.remove}</button>`}</li>`;
     })}
     ${changes.map((one) => html`<li key=${one.text} class=${one.kind}>${one.text}</li>`)}
     ${!contradictions.length && !changes.length && html`<li class="small">${nothing}</li>`}
@@ -112,8 +122,8 @@ function Balls({ shot }) {
 function ByHand({ shot }) {
   const { doc } = useStore(shot.state);
   const set = doc.corrections;
-  const keys = ["corners", "table", "ball_radius", "fps"].filter((key) => set[key] !== undefined).map((key) => [key, null]);
-  for (const list of ["balls", "tracks", "contacts"]) (set[list] ?? []).forEach((_, k) => keys.push([list, k]));
+  const keys = ["corners", "sport", "table", "ball_radius", "fps"].filter((key) => set[key] !== undefined).map((key) => [key, null]);
+  for (const list of ["balls", "tracks", "contacts", "events"]) (set[list] ?? []).forEach((_, k) => keys.push([list, k]));
   return html`<section><h2>${text.correct.byHand}</h2><ul id="by-hand" class="by-hand">${keys.map(([key, k], number) => {
     const name = doc.set_by_hand[number] ?? key;
     return html`<li key=${`${key} ${k}`}><span>${name}</span><span class="row">
@@ -125,8 +135,8 @@ function ByHand({ shot }) {
   })}</ul>${!keys.length && html`<p class="small">${text.correct.noneByHand}</p>`}</section>`;
 }
 
-function Keys() {
+function Keys({ shot }) {
   return html`<section class="keys"><h2>${text.correct.keys}</h2>
-    <dl>${text.correct.keyList.map(([key, words]) => html`<div key=${key}><dt><kbd>${key}</kbd></dt><dd>${words}</dd>
+    <dl>${(shot.isRally ? text.correct.rallyKeys : text.correct.keyList).map(([key, words]) => html`<div key=${key}><dt><kbd>${key}</kbd></dt><dd>${words}</dd>
     </div>`)}</dl></section>`;
 }

@@ -1,13 +1,13 @@
 // What can be said of the chosen ball or event.
 import { html, useState } from "../html.js";
-import { BALL_ACTIONS, cancelCorrection, pickBall, pickCushion } from "../shot/hand_tools.js";
-import { deleteEvent, findBall, moveEvent, setBall } from "../shot/marks.js";
+import { cancelCorrection, listActions, pickBall, pickCushion } from "../shot/hand_tools.js";
+import { deleteEvent, findBall, moveEvent, RALLY_EVENTS, setBall } from "../shot/marks.js";
 import { CUSHIONS } from "../shot/shot_model.js";
 import { useStore } from "../store.js";
 import { text } from "../strings.js";
 
 // Kinds of events that a person can move or delete; the others follow from the motion.
-const MARKED = ["strike", "ball", "cushion"];
+const MARKED = ["strike", "ball", "cushion", ...RALLY_EVENTS];
 
 export function Selection({ shot }) {
   const { doc } = useStore(shot.state);
@@ -42,11 +42,11 @@ function BallPanel({ shot, ball, classes }) {
       .then((isDone) => { if (isDone) shot.desk.set({ ball: wanted }); });
   };
   return html`<h2>${ball.name}</h2>
-    <div class="row">${Object.entries(BALL_ACTIONS).map(([action, one]) => html`<button key=${action} data-action=${action}
+    <div class="row">${Object.entries(listActions(shot)).map(([action, one]) => html`<button key=${action} data-action=${action}
       class=${one.isDanger ? "danger" : ""}
       onClick=${() => one.run(shot, ball.id)}>${text.correct.actions[action]} <kbd>${text.correct.keyName(one.key)}</kbd>
         </button>`)}</div>
-    <div class="row" role="group"
+    ${shot.isRally ? html`<p class="small">${text.correct.falseBall}</p>` : html`<div class="row" role="group"
       aria-label=${text.correct.classLabel}>${classes.map((kind) => html`<button key=${kind} data-class=${kind}
       aria-pressed=${kind === ball.kind}
       onClick=${() => shot.change((c) => setBall(run, c, "class", ball.id, shot.frame, kind))}>${text.classes[kind] ?? kind}
@@ -54,7 +54,7 @@ function BallPanel({ shot, ball, classes }) {
     <form class="row" onSubmit=${rename}><label for="ball-name">${text.correct.id}</label>
       <input id="ball-name" value=${name} maxlength="32" autocomplete="off" spellcheck=${false}
         onInput=${(event) => setName(event.target.value)} />
-      <button>${text.correct.rename}</button></form>`;
+      <button>${text.correct.rename}</button></form>`}`;
 }
 
 function EventPanel({ shot, event }) {

@@ -36,7 +36,10 @@ export function SettingsFields({ shot }) {
     onChange=${(event) => apply(id, event.target.value)}>
     ${[["", empty], ...options.map((one) => [one, one])].map(([key, name]) => html`<option key=${key} value=${key}
       selected=${key === value}>${name}</option>`)}</select>`;
-  return html`<section><h2>${text.settings.title}</h2><div class="fields">
+  const sports = doc.sports ?? [];
+  return html`<section><h2>${text.settings[shot.isRally ? "court" : "title"]}</h2><div class="fields">
+    ${shot.isRally ? html`<label for="sport">${text.settings.sport}</label>
+      ${select("sport", set.sport ?? "", set.sport ? text.settings.recognised : text.settings.tableIs(table), sports)}` : html`
     <label for="table">${text.settings.table}</label>
     ${select("table", set.table ?? "", set.table ? text.settings.recognised : text.settings.tableIs(table), names)}
     <${TypedField} id="table-size" label=${text.settings.size} placeholder=${text.settings.sizeExample}
@@ -44,7 +47,7 @@ export function SettingsFields({ shot }) {
       apply=${(value, onRefusal) => apply("table", value, onRefusal)} />
     <${TypedField} id="radius" label=${text.settings.diameter} type="number" step="0.01"
       value=${(2000 * (set.ball_radius ?? radius)).toFixed(2)}
-      apply=${(value, onRefusal) => apply("ball_radius", value === "" ? null : Number(value) / 2000, onRefusal)} />
+      apply=${(value, onRefusal) => apply("ball_radius", value === "" ? null : Number(value) / 2000, onRefusal)} />`}
     <label for="fps">${text.settings.rate}</label>
     ${select("fps", set.fps ?? "", set.fps ? text.settings.asFile : text.settings.rateIs(fps), rates)}
     <${TypedField} id="fps-other" label=${text.settings.otherRate} placeholder=${text.settings.rateExample}

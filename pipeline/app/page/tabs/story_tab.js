@@ -11,7 +11,7 @@ const SHOWN = 3;
 export function StoryTab({ shot }) {
   const { doc } = useStore(shot.state);
   const { event: chosen } = useStore(shot.desk);
-  const events = doc.run?.events ?? doc.events ?? [];
+  const events = doc.run?.events ?? [];
   const summary = doc.summary ?? [];
   const [first, more] = [summary.slice(0, SHOWN), summary.slice(SHOWN)];
   const list = (sentences) => sentences.map((sentence) => html`<p key=${sentence}>${sentence}</p>`);

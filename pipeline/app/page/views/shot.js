@@ -21,7 +21,7 @@ import { StrokesTab } from "../tabs/strokes_tab.js";
 import { TrustMark } from "./card_grid.js";
 
 const SHOT_TABS = { story: StoryTab, numbers: NumbersTab, play: PlayTab, placement: PlacementTab, correct: CorrectTab };
-const RALLY_TABS = { story: StoryTab, strokes: StrokesTab, numbers: NumbersTab };
+const RALLY_TABS = { story: StoryTab, strokes: StrokesTab, numbers: NumbersTab, correct: CorrectTab };
 // Tabs beside which the plan shows what is tried; an answer is there only after a new question.
 const TRYING = ["play", "placement"];
 // Words for the levels of trust of a run.
@@ -29,9 +29,9 @@ const TRUST_LEVELS = { green: "high", amber: "medium", red: "low" };
 
 /** Without its clip, a shot can be looked at but not corrected. */
 function chooseTabs({ kind, clip }) {
-  const { correct, ...others } = SHOT_TABS;
-  if (kind === "rally") return RALLY_TABS;
-  return clip === false ? others : SHOT_TABS;
+  const tabs = kind === "rally" ? RALLY_TABS : SHOT_TABS;
+  const { correct, ...others } = tabs;
+  return clip === false ? others : tabs;
 }
 
 export function ShotView({ id }) {
@@ -64,8 +64,8 @@ export function ShotView({ id }) {
 
 function ShotHead({ shot, doc }) {
   const [isSharing, setIsSharing] = useState(false);
-  const trust = doc.run?.trust ?? doc.trust;
-  const isKnown = (doc.run?.events ?? doc.events ?? []).length > 0; // of a clip in which nothing happens, nothing is sure
+  const trust = doc.run?.trust;
+  const isKnown = (doc.run?.events ?? []).length > 0; // of a clip in which nothing happens, nothing is sure
   const level = isKnown && (TRUST_LEVELS[trust?.level] ?? trust?.level);
   return html`<div class="shot-head">
     <a class="back" href=${routeTo("library")} aria-label=${text.shot.back}>‹</a>
