@@ -30,6 +30,7 @@ from models.estimation.rally.event_evidence import (
     weigh_chance,
 )
 from models.estimation.rally.flight_observations import (
+    CLUTTER_COST,
     FlightObservations,
     bound_residuals,
     compare_places,
@@ -176,6 +177,9 @@ def refine_fit(
     problem = _Problem(observed, sport, structure)
     try:
         best = minimize_residuals(values, problem.evaluate, search, problem.limit)
+        # places far from where a search starts must pull; where it ends, they show another thing
+        problem.most = CLUTTER_COST
+        best = minimize_residuals(best.point, problem.evaluate, search, problem.limit)
     except ValueError:
         return None
     problem.normalizer = 0.0
@@ -229,7 +233,7 @@ class _Problem:
         self.observed, self.sport, self.structure = observed, sport, structure
         self.prior = build_flight_prior(sport)
         self.size = SHARED_COUNT + (PARAMETER_COUNT + 1) * len(structure)
-        self.normalizer = 0.0
+        self.normalizer, self.most = 0.0, np.inf
         self.rows: list[FloatArray] = []
         self.by: list[FloatArray] = []
         self.known = self._state_prior()
@@ -319,7 +323,7 @@ class _Problem:
         weight = weigh_by_law(by_place, path.states[:-1, :3], self.sport.object)
         self.normalizer += 2 * float(np.log(weight).sum())
         residual, by_place = residual * weight[:, None], by_place * weight[:, None, None]
-        factor, slope = bound_residuals(residual)
+        factor, slope = bound_residuals(residual, most=self.most)
         by = (by_place @ path.derivatives[:-1, :3]) * slope[:, None, None]
         by_start = -np.einsum("nij,nj->ni", by_place, path.states[:-1, 3:]) * slope[:, None]
         columns = np.append(np.arange(part.start, part.stop), start_row(k, len(self.structure)))

@@ -20,7 +20,7 @@ ROBUST_SCALE = 3.0
 # near for 0.29 s, where 60 px show a metre.
 REST_PX, _REST_TIME = 3.0, 0.3
 # Natural logarithm of the density of clutter per standard deviation of a place: 1/(2 pi sigma^2) against an image. It
-# is the price of an observation that no flight explains.
+# is the price of an observation that no flight explains, within the time of a flight or outside of it.
 CLUTTER_COST = 12.0
 # Natural logarithm of the evidence of what a person marked: no explanation without it may win.
 MARK_EVIDENCE = 1000.0
@@ -167,16 +167,24 @@ def weigh_by_law(by_place: FloatArray, xyz: FloatArray, item: FlyingObject) -> F
     return np.asarray(1 / np.sqrt(1 + (error * largest) ** 2))
 
 
-def bound_residuals(residual: FloatArray, scale: float = ROBUST_SCALE) -> tuple[FloatArray, FloatArray]:
+def bound_residuals(
+    residual: FloatArray, scale: float = ROBUST_SCALE, most: float = np.inf
+) -> tuple[FloatArray, FloatArray]:
     """Bound the pull of outliers.
 
     Args:
         residual: (N, 2) standard deviations.
         scale: Standard deviations from which they pull less.
+        most: Natural logarithm of the evidence that one costs at most: as another thing, it costs no more and does not
+            pull (a mixture of two densities).
 
     Returns:
         Factors (N,) on the residuals, whose squares then add to the robust cost, and factors (N,) on their derivatives.
     """
     square = np.maximum((residual**2).sum(axis=1), 1e-12) / scale**2
-    factor = np.sqrt(np.log1p(square) / square)
-    return factor, 1 / ((1 + square) * factor)
+    cost, share = scale**2 * np.log1p(square), np.ones(len(square))
+    if np.isfinite(most):
+        other = np.logaddexp(0.0, cost / 2 - most)
+        cost, share = np.maximum(cost - 2 * (other - np.logaddexp(0.0, -most)), 1e-12), np.exp(-other)
+    factor = np.sqrt(cost / square) / scale
+    return factor, share / ((1 + square) * factor)

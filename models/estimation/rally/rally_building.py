@@ -14,7 +14,7 @@ from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.rally.event_chances import LOW_HIT, UNSEEN_START
 from models.estimation.rally.event_evidence import name_contact, turns_over
 from models.estimation.rally.flight_fit import RallyFit, assign_times, flight_slice, start_row
-from models.estimation.rally.flight_observations import bound_residuals, compare_places, weigh_by_law
+from models.estimation.rally.flight_observations import CLUTTER_COST, bound_residuals, compare_places, weigh_by_law
 from models.estimation.rally.guided_association import GATE, Sight, observe_candidates
 from models.estimation.rally.landing_hypotheses import find_landing, predict_landing
 from models.estimation.rally.rally_views import is_on_surface
@@ -70,10 +70,10 @@ def _estimate_covariance(
         residual, by_place = compare_places(sight.observed.select(rows), path.states[:, :3])
         weight = weigh_by_law(by_place, path.states[:, :3], sport.object)
         residual, by_place = residual * weight[:, None], by_place * weight[:, None, None]
-        factor, slope = bound_residuals(residual)
+        factor, slope = bound_residuals(residual, most=CLUTTER_COST)
         bounded = residual * factor[:, None]
         used[rows] = (residual**2).sum(axis=1) < GATE**2
-        series.append(bounded)
+        series.append(bounded[(bounded**2).sum(axis=1) < CLUTTER_COST])  # the others more probably show another thing
         freedom = 2 * int(used[rows].sum()) - 6
         chi2.append(float((bounded[used[rows]] ** 2).sum()) / freedom if freedom > 0 else float("nan"))
         by = np.concatenate([by_place @ path.derivatives[:, :3], -by_place @ path.states[:, 3:, None]], axis=2)

@@ -17,6 +17,7 @@ from models.core.court import Sport
 from models.core.rally import FLIGHT_PARAMETERS
 from models.core.typing import FloatArray
 from models.estimation.rally.flight_observations import (
+    CLUTTER_COST,
     ROBUST_SCALE,
     FlightObservations,
     bound_residuals,
@@ -137,14 +138,16 @@ def fit_single_flight(
     start = _solve_linear(observed, tau, prior, turn_length, heading, pins)
     pin_times = np.array([pin.t for pin in pins]) - observed.t[0]
 
-    def evaluate(p: FloatArray, scale: float = ROBUST_SCALE) -> tuple[FloatArray, FloatArray] | None:
+    def evaluate(
+        p: FloatArray, scale: float = ROBUST_SCALE, most: float = CLUTTER_COST
+    ) -> tuple[FloatArray, FloatArray] | None:
         path = fly(p, tau, turn_length)
         if not np.isfinite(path.states).all():
             return None
         residual, by_place = compare_places(observed, path.states[:, :3])
         weight = weigh_by_law(by_place, path.states[:, :3], sport.object)
         residual, by_place = residual * weight[:, None], by_place * weight[:, None, None]
-        factor, slope = bound_residuals(residual, scale)
+        factor, slope = bound_residuals(residual, scale, most)
         below = np.minimum(path.states[:, 2] - sport.object.radius - sport.floor, 0.0) / _FLOOR_SOFTNESS
         rows = np.concatenate([(residual * factor[:, None]).ravel(), (p - prior.mean) / prior.sigma, below])
         by_parameters = (by_place @ path.derivatives[:, :3]) * slope[:, None, None]
@@ -160,11 +163,11 @@ def fit_single_flight(
         return rows, by
 
     best = None
-    for scale in (_FAR_SCALE, ROBUST_SCALE):
+    for scale, most in ((_FAR_SCALE, np.inf), (ROBUST_SCALE, np.inf), (ROBUST_SCALE, CLUTTER_COST)):
         try:
             best = minimize_residuals(
                 start if best is None else best.point,
-                partial(evaluate, scale=scale),
+                partial(evaluate, scale=scale, most=most),
                 _SEARCH if best else _FIRST_SEARCH,
             )
         except ValueError:
