@@ -1,6 +1,8 @@
-"""A Python function as a simulator under diagnosis: `MODULE:FUNCTION`, (state, inputs, dt) -> state.
+"""A Python function as a simulator under diagnosis: `MODULE:FUNCTION`, (state, inputs, dt[, force]) -> state.
 
-The state is an array of all positions, then all velocities. What the names of the columns of a recording leave open may
+The state is an array of all positions, then all velocities. Where it takes a `force`, that is an array of forces and
+torques on the coordinates, N and N m: effects act as these do, also on what a joint carries; else they change the
+velocities of single coordinates between the steps. What the names of the columns of a recording leave open may
 stand as attributes of the function: `coordinates`, `units`, `inputs`, `time_step`, its longest step in s, and
 `velocity_lag`, the time in s by which its velocities lag behind its positions: half a step where it moves positions by
 the new velocities (semi-implicit Euler), else 0.
@@ -8,10 +10,12 @@ the new velocities (semi-implicit Euler), else 0.
 
 from __future__ import annotations
 
+import inspect
 import pkgutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import redirect_stdout
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -94,26 +98,54 @@ def try_function(simulator: FunctionSimulator, states: FloatArray) -> FunctionSi
         states: (C, 2N) recorded states.
 
     Returns:
-        The simulator, which steps many runs at once where the function can.
+        The simulator, which steps many runs at once where the function can, with the inertias of its joints.
 
     Raises:
         OptionError: The function cannot go one step from the first state.
     """
-    inputs = len(simulator.inputs)
+    inputs, count = len(simulator.inputs), len(simulator.joints)
+    nothing = np.zeros(inputs), np.zeros(count)
     try:
-        after = simulator.step(states[0], np.zeros(inputs))
+        after = simulator.step(states[0], *nothing)
         if not np.isfinite(after).all():
             raise ValueError(f"from {states[0]} it went to {after}")
     except (Exception, SystemExit) as error:  # a user's function may raise anything
-        expected = f"(state of {states.shape[1]} numbers, {inputs} inputs, dt) -> state"
+        force = f", {count} forces" if simulator.takes_forces else ""
+        expected = f"(state of {states.shape[1]} numbers, {inputs} inputs, dt{force}) -> state"
         name = f"{simulator.module}:{simulator.function}"
         raise OptionError(f"{name} was called as {expected}; it failed: {_format_reason(error)}") from error
     try:
-        alone = [simulator.step(one, np.zeros(inputs)) for one in states]
-        takes_columns = _is_same(simulator.step(states.T, np.zeros((inputs, len(states)))), np.transpose(alone))
+        alone = [simulator.step(one, *nothing) for one in states]
+        columns = [np.zeros((len(one), len(states))) for one in nothing]
+        takes_columns = _is_same(simulator.step(states.T, *columns), np.transpose(alone))
     except (Exception, SystemExit):  # single states will do
         takes_columns = False
-    return simulator.copy(takes_columns=takes_columns)
+    joints = _measure_inertias(simulator, states) if simulator.takes_forces else simulator.joints
+    return simulator.copy(joints, takes_columns=takes_columns)
+
+
+def _measure_inertias(simulator: FunctionSimulator, states: FloatArray) -> tuple[Joint, ...]:
+    """Return the joints with their inertias: a unit force over the mean acceleration that it adds in states (C, 2N).
+
+    Raises:
+        OptionError: A force accelerates its own joint not at all, or backwards.
+    """
+    count, given = len(simulator.joints), np.zeros(len(simulator.inputs))
+    added = np.zeros(count)
+    for state in states:
+        rest = simulator.step(state, given, np.zeros(count))
+        for k, force in enumerate(np.eye(count)):
+            added[k] += (simulator.step(state, given, force) - rest)[count + k]
+    accelerations = added / len(states) / simulator.time_step
+    for joint, one in zip(simulator.joints, accelerations, strict=True):
+        if not one > 0:  # also where it is not a number
+            raise OptionError(
+                f"{simulator.module}:{simulator.function} takes a force, but a force of 1 on {joint.name} adds an"
+                f" acceleration of {one:.3g} to it; it has to be positive"
+            )
+    return tuple(
+        replace(joint, inertia=float(1 / one)) for joint, one in zip(simulator.joints, accelerations, strict=True)
+    )
 
 
 # Relative and absolute difference of two steps from which they are not the same: rounding errors are far smaller, and
@@ -129,7 +161,6 @@ def _is_same(one: FloatArray, other: FloatArray) -> bool:
 class FunctionSimulator:
     """A Python function; see `models.estimation.gap_scenes.outside_simulator.OutsideSimulator`."""
 
-    takes_forces = False
     last_mass = 1.0
     own_effects: Mapping[str, tuple[float, ...]] = MappingProxyType({})
     drives: tuple[Drive, ...] = ()
@@ -152,6 +183,7 @@ class FunctionSimulator:
         self.rest = np.zeros(2 * len(joints))
         self.failure = ""
         self._call = pkgutil.resolve_name(f"{module}:{function}")
+        self.takes_forces = _takes_force(self._call)
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
         """Pickle the name of the function, which another process imports."""
@@ -160,12 +192,12 @@ class FunctionSimulator:
 
     def halve_step(self) -> FunctionSimulator:
         """Return the simulator with half its step."""
-        return self.copy(share=0.5, takes_columns=self.takes_columns)
+        return self.copy(self.joints, self.takes_columns, 0.5)
 
-    def copy(self, takes_columns: bool, share: float = 1.0) -> FunctionSimulator:
-        """Return the simulator with a share of its step, and another way to take states."""
+    def copy(self, joints: tuple[Joint, ...], takes_columns: bool, share: float = 1.0) -> FunctionSimulator:
+        """Return the simulator with other properties of its joints, another way to take states, or shorter steps."""
         step, lag = share * self.time_step, share * self.velocity_lag
-        return FunctionSimulator(self.module, self.function, self.joints, self.inputs, step, lag, takes_columns)
+        return FunctionSimulator(self.module, self.function, joints, self.inputs, step, lag, takes_columns)
 
     def begin(
         self, starts: FloatArray, values: Sequence[EffectValues], powered: BoolArray, shots: IntArray, t: FloatArray
@@ -173,9 +205,13 @@ class FunctionSimulator:
         """Begin runs side by side; see `OutsideSimulator.begin`."""
         return FunctionRuns(self, starts)
 
-    def step(self, state: FloatArray, inputs: FloatArray) -> FloatArray:
-        """Go on by a step from a state (2N,) with inputs (I,), or from C of them, as columns (2N, C) and (I, C)."""
-        after = np.asarray(self._call(state.copy(), inputs.copy(), self.time_step), np.float64)
+    def step(self, state: FloatArray, inputs: FloatArray, force: FloatArray) -> FloatArray:
+        """Go on by a step from a state (2N,) with inputs (I,) and, if it takes them, forces (N,); or from C of them.
+
+        C states, inputs and forces are columns (2N, C), (I, C) and (N, C).
+        """
+        forces = (force.copy(),) if self.takes_forces else ()
+        after = np.asarray(self._call(state.copy(), inputs.copy(), self.time_step, *forces), np.float64)
         if after.shape != state.shape:
             raise ValueError(f"a state of {len(state)} numbers was expected; the function returned {after.shape}")
         return after
@@ -198,49 +234,64 @@ class FunctionRuns:
 
     def advance(self, inputs: FloatArray, force: FloatArray) -> FloatArray:
         """Let the runs go on by M steps: the function, and then what changes the velocity beside it."""
-        dt = self._simulator.time_step
-        pushes = np.concatenate([force * dt * dt / 2, force * dt], axis=1)
         with redirect_stdout(sys.stderr):  # what a function prints is no result
-            paths = self._advance_together(inputs, pushes) if self._goes_together else None
+            paths = self._advance_together(inputs, force) if self._goes_together else None
             self._goes_together = paths is not None
-            paths = self._advance_singly(inputs, pushes) if paths is None else paths
+            paths = self._advance_singly(inputs, force) if paths is None else paths
         paths[np.logical_or.accumulate(~np.isfinite(paths).all(axis=2), axis=1)] = np.nan
         self._states, self._steps_done = paths[:, -1], self._steps_done + inputs.shape[1]
         return paths
 
-    def _advance_together(self, inputs: FloatArray, pushes: FloatArray) -> FloatArray | None:
+    def _find_pushes(self, force: FloatArray) -> FloatArray:
+        """Find what forces (C, N) that a function does not take itself change in a step (C, 2N)."""
+        dt = self._simulator.time_step
+        pushes = np.concatenate([force * dt * dt / 2, force * dt], axis=1)
+        return 0 * pushes if self._simulator.takes_forces else pushes
+
+    def _advance_together(self, inputs: FloatArray, force: FloatArray) -> FloatArray | None:
         """Step C runs as the columns of one array; None where the function does not.
 
         A function of arrays needs about as long for hundreds of runs as for one. Another one raises, or mixes them up,
         perhaps only in some states: at every `_CHECK_EVERY`th step another run is compared with a step of its own.
         """
-        now, push, given = self._states.T, pushes.T, inputs.transpose(1, 2, 0)
+        now, push, given = self._states.T, self._find_pushes(force).T, inputs.transpose(1, 2, 0)
+        force, step = force.T, self._simulator.step
         path = np.empty((len(given), *now.shape))
         try:
             with np.errstate(over="ignore", invalid="ignore"):  # of a run that diverges
                 for k, own in enumerate(given):
-                    after = self._simulator.step(now, own)
+                    after = step(now, own, force)
                     turn, is_between = divmod(self._steps_done + k, _CHECK_EVERY)
                     one = turn * _NEXT_RUN % now.shape[1]
-                    if not (is_between or _is_same(after[:, one], self._simulator.step(now[:, one], own[:, one]))):
+                    if not is_between and not _is_same(after[:, one], step(now[:, one], own[:, one], force[:, one])):
                         return None
                     now = path[k] = after + push
         except (Exception, SystemExit):  # of one of the runs, or of all
             return None
         return path.transpose(2, 0, 1)
 
-    def _advance_singly(self, inputs: FloatArray, pushes: FloatArray) -> FloatArray:
+    def _advance_singly(self, inputs: FloatArray, force: FloatArray) -> FloatArray:
         """Step each run alone; NaN from where it fails."""
         paths = np.full((*inputs.shape[:2], self._states.shape[1]), np.nan)
-        for now, given, push, path in zip(self._states, inputs, pushes, paths, strict=True):
+        pushes = self._find_pushes(force)
+        for now, given, pull, push, path in zip(self._states, inputs, force, pushes, paths, strict=True):
             try:
                 for k, own in enumerate(given):
                     if not np.isfinite(now).all():
                         break
-                    now = path[k] = self._simulator.step(now, own) + push
+                    now = path[k] = self._simulator.step(now, own, pull) + push
             except (Exception, SystemExit) as error:  # what a function cannot simulate is lost
                 self._simulator.failure = _format_reason(error)
         return paths
+
+
+def _takes_force(call: Callable[..., Any]) -> bool:
+    """Return whether the fourth parameter of a function is called force."""
+    try:
+        names = tuple(inspect.signature(call).parameters)
+    except (TypeError, ValueError):  # a compiled function may state none
+        return False
+    return len(names) > 3 and names[3] in ("force", "forces")
 
 
 def _import_again(folder: str, *arguments: Any) -> FunctionSimulator:

@@ -130,11 +130,18 @@ def _read_shots(paths: Sequence[Path], simulator_name: str) -> MechanismShots:
     poses = _sample_poses(shots)
     poses = poses[:: max(len(poses) // _TRIED_STATES, 1)]
     simulator = try_function(simulator, np.concatenate([poses, 0 * poses], axis=1))
-    slow = (
-        f"{escape_text(simulator_name)} takes one state at a time; a search takes many times as long as with a function"
-        " of arrays that have a row per coordinate and a column per run"
-    )
-    return replace(shots, simulator=simulator, notes=shots.notes if simulator.takes_columns else (*shots.notes, slow))
+    name, notes = escape_text(simulator_name), list(shots.notes)
+    if not simulator.takes_columns:
+        notes.append(
+            f"{name} takes one state at a time; a search takes many times as long as with a function of arrays that"
+            " have a row per coordinate and a column per run"
+        )
+    if len(simulator.joints) > 1 and not simulator.takes_forces:
+        notes.append(
+            f"effects are tried as accelerations of single coordinates, since {name} takes no forces; where one joint"
+            " carries another, give it a fourth parameter force, with forces and torques on its coordinates"
+        )
+    return replace(shots, simulator=simulator, notes=tuple(notes))
 
 
 def _sample_poses(shots: MechanismShots) -> FloatArray:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from models.core.errors import OptionError
 from models.core.typing import FloatArray
 from models.estimation.gap_scenes.outside_simulator import Joint
 from pipeline.io.simulators.function_simulator import FunctionSimulator, read_function, try_function
@@ -39,7 +40,18 @@ def by_the_fastest(state, inputs, dt):
     v = v + dt * (inputs[0] - 20.0 * np.sin(q) - np.where(np.max(np.abs(v)) > 1.0, v, 0.0))
     return np.array([q + dt * v, v])
 
-for law in (by_arrays, by_numbers, by_the_size_of_all, by_the_fastest):
+def by_forces(state, inputs, dt, force):
+    q, v = state
+    v = v + dt * (inputs[0] - 20.0 * np.sin(q) + force[0] / 2.0)
+    return np.array([q + dt * v, v])
+
+def against_forces(state, inputs, dt, force):
+    return by_forces(state, inputs, dt, -force)
+
+def with_a_mass(state, inputs, dt, mass=1.0):
+    return by_arrays(state, inputs / mass, dt)
+
+for law in (by_arrays, by_numbers, by_the_size_of_all, by_the_fastest, by_forces, against_forces, with_a_mass):
     law.inputs = ("push",)
 """
 STATES = np.array([[0.1, 0.0], [0.2, 0.0], [-0.3, 0.0]])
@@ -65,7 +77,13 @@ def play(simulator: FunctionSimulator, rows: slice = slice(None), starts: FloatA
 
 @pytest.mark.parametrize(
     ("name", "takes_columns"),
-    [("by_arrays", True), ("by_numbers", False), ("by_the_size_of_all", False), ("by_the_fastest", True)],
+    [
+        ("by_arrays", True),
+        ("by_numbers", False),
+        ("by_the_size_of_all", False),
+        ("by_the_fastest", True),
+        ("by_forces", True),
+    ],
 )
 def test_runs_side_by_side_move_as_each_does_alone(laws: str, name: str, takes_columns: bool):
     simulator = try_function(read_function(f"{laws}:{name}", (Joint("q", "rad"),)), STATES)
@@ -74,6 +92,26 @@ def test_runs_side_by_side_move_as_each_does_alone(laws: str, name: str, takes_c
     alone = np.concatenate([play(simulator, slice(k, k + 1)) for k in range(len(STARTS))])
     assert np.isfinite(alone).all()
     np.testing.assert_allclose(play(simulator), alone, rtol=1e-9, atol=1e-9)
+
+
+def test_a_function_that_takes_forces_moves_as_they_and_its_inertia_say(laws: str):
+    by_force = try_function(read_function(f"{laws}:by_forces", (Joint("q", "rad"),)), STATES)
+    assert by_force.takes_forces
+    assert pickle.loads(pickle.dumps(by_force)).joints[0].inertia == by_force.joints[0].inertia == pytest.approx(2.0)
+    other = try_function(read_function(f"{laws}:with_a_mass", (Joint("q", "rad"),)), STATES)
+    assert not other.takes_forces
+    for runs in (slice(0, 1), slice(None)):
+        inputs = INPUTS[runs] + FORCE[runs, None] / 2.0
+        pushed = by_force.begin(STARTS[runs], [], np.zeros(0), np.zeros(0), np.zeros(0))
+        driven = other.begin(STARTS[runs], [], np.zeros(0), np.zeros(0), np.zeros(0))
+        np.testing.assert_allclose(
+            pushed.advance(INPUTS[runs], FORCE[runs]), driven.advance(inputs, 0 * FORCE[runs]), rtol=1e-9, atol=1e-12
+        )
+
+
+def test_a_force_that_drives_backwards_is_one_sentence(laws: str):
+    with pytest.raises(OptionError, match=r"a force of 1 on q adds an acceleration of -0\.5 to it; it has to be"):
+        try_function(read_function(f"{laws}:against_forces", (Joint("q", "rad"),)), STATES)
 
 
 def test_a_function_of_arrays_is_called_once_for_all_runs(laws: str):
