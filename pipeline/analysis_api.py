@@ -76,7 +76,7 @@ def diagnose(*inputs: str | Path, simulator: str | None = None, seed: int = 0) -
         scene = pair_with_pooltool(scene)
     with open_executor() as executor:
         report = diagnose_recordings(scene, folder.recordings, seed, executor=executor)
-    return replace(report, notes=(*describe_coefficients(scene, report), *report.notes, *folder.notes))
+    return replace(report, notes=(*describe_coefficients(report), *report.notes, *folder.notes))
 
 
 def detect(

@@ -28,8 +28,6 @@ from pipeline.io.simulators.mechanism_recordings import MechanismShots, read_mec
 from pipeline.io.simulators.pooltool_simulator import open_pooltool
 from pipeline.reporting.text.gap_sentences import name_runs
 
-# Standard deviations from which a coefficient of a simulator is called wrong.
-_WRONG_SIGMAS = 3.0
 # Standard deviations above 0 from which a friction belongs into a file.
 _SEEN_SIGMAS = 2.0
 # Share of its misfit that half a step must explain for it to be doubted: a step that is right explains none of it.
@@ -80,7 +78,7 @@ def diagnose_mechanism(
         origins = {} if is_told_by_number else {shot: name.partition(", ")[2] for shot, name in origins.items()}
     notes = (
         *_describe_changes(scene, report),
-        *describe_coefficients(scene, report),
+        *describe_coefficients(report),
         *report.notes,
         *shots.notes,
         *doubts,
@@ -100,9 +98,9 @@ _JOINT_ATTRIBUTES = {"joint_friction": ("frictionloss", "damping"), "armature": 
 def _describe_changes(scene: SimulatorScene, report: DiagnosisReport) -> tuple[str, ...]:
     """Describe what to write into the file of a simulator that has the named effects, or wrong coefficients, itself."""
     fitted = {one.name: one for one in report.fitted}
-    wrong = _find_wrong_coefficients(scene, report)
+    wrong = [one.name.partition(".")[0] for one in report.fitted if one.is_wrongly_stated]
     changes = []
-    for effect in dict.fromkeys((*report.effects, *(name.partition(".")[0] for name in wrong))):
+    for effect in dict.fromkeys((*report.effects, *wrong)):
         if effect not in scene.simulator.own_effects or effect not in _JOINT_ATTRIBUTES:
             continue
         names = [(attribute, f"{effect}.{one.name}") for attribute, one in
@@ -112,7 +110,7 @@ def _describe_changes(scene: SimulatorScene, report: DiagnosisReport) -> tuple[s
             texts = [
                 f'{attribute}="{one.value:.4g}"'
                 for attribute, one in own
-                if one and not one.prior_only and (one.value > _SEEN_SIGMAS * one.sigma or one.name in wrong)
+                if one and not one.prior_only and (one.value > _SEEN_SIGMAS * one.sigma or one.is_wrongly_stated)
             ]
             if texts and not joint.body:
                 changes.append(f"joint {joint.name} {' '.join(texts)}")
@@ -153,34 +151,16 @@ def pair_with_pooltool(scene: GapScene) -> BilliardsScene:
     return pair_with_simulator(scene, open_pooltool())
 
 
-def _find_wrong_coefficients(scene: GapScene, report: DiagnosisReport) -> dict[str, float]:
-    """Find the coefficients of a simulator from outside that the recordings contradict: the stated values by name."""
-    if not scene.has_stated_values:
-        return {}
-    stated = {
-        f"{effect.name}.{prior.name}": prior.value
-        for effect in scene.effects
-        if effect.name in scene.simulator_effects
-        for prior in effect.parameters
-    }
-    return {
-        one.name: stated[one.name]
-        for one in report.fitted
-        if one.name in stated and not one.prior_only and abs(one.value - stated[one.name]) > _WRONG_SIGMAS * one.sigma
-    }
-
-
-def describe_coefficients(scene: GapScene, report: DiagnosisReport) -> tuple[str, ...]:
+def describe_coefficients(report: DiagnosisReport) -> tuple[str, ...]:
     """Describe the coefficients of a simulator from outside that the recordings contradict; none of our own."""
-    wrong = _find_wrong_coefficients(scene, report)
     sentences: dict[tuple[str, str], list[str]] = {}
     for one in report.fitted:
-        if one.name in wrong:
+        if one.is_wrongly_stated:
             effect, _, parameter = one.name.partition(".")
             is_common = effect not in MECHANISM_EFFECTS
             strength, joint = (parameter, "") if is_common else MECHANISM_EFFECTS[effect].split_parameter(parameter)
             # one sentence for all joints whose file states the same
-            says = f"your {format_parameter(f'{effect}.{strength}')} is {wrong[one.name]:.4g}"
+            says = f"your {format_parameter(f'{effect}.{strength}')} is {one.stated:.4g}"
             place = f" ({format_parameter(joint)})" if joint else ""
             sentences.setdefault((says, one.unit), []).append(f"{format_with_sigma(one.value, one.sigma)}{place}")
     return tuple(

@@ -109,7 +109,7 @@ def run_case(kind: str, seed: int) -> bool:
           f" {1e3 * report.gap.as_stated:.2f} as stated, {1e3 * closure.before:.2f} ->"
           f" {1e3 * closure.after:.2f} mm, attainable {1e3 * closure.floor:.2f}, closed {closure.closed:.3f};"
           f" {time.perf_counter() - begun:.0f} s", flush=True)  # fmt: skip
-    for note in describe_coefficients(scene, report):
+    for note in describe_coefficients(report):
         print("      ", note)
     return is_right
 

@@ -253,11 +253,14 @@ def _select_fit_with(study: Study, name: str) -> tuple[EffectFit, tuple[str, ...
 
 def _summarize_all_strengths(study: Study, fitted: EffectFit, detectable: FloatArray) -> tuple[Strength, ...]:
     """Summarize the parameters of the improved simulator, named `effect.parameter`, as several effects have a mu."""
-    problem = study.problem
-    names = [one.name for one in problem.scene.effects if one.name in fitted.names]
+    problem, scene = study.problem, study.problem.scene
+    names = [one.name for one in scene.effects if one.name in fitted.names]
+    own = scene.simulator_effects if scene.has_stated_values else ()
+    stated = {(effect.name, one.name): one.value for effect in scene.effects if effect.name in own
+              for one in effect.parameters}  # fmt: skip
     return tuple(
-        replace(one, name=f"{name}.{one.name}")
-        for name in (*problem.scene.simulator_effects, *names)
+        replace(one, name=f"{name}.{one.name}", stated=stated.get((name, one.name), float("nan")))
+        for name in (*scene.simulator_effects, *names)
         for one in summarize_strengths(problem, fitted, detectable, (name,))
     )
 

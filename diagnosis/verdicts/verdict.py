@@ -13,6 +13,9 @@ from diagnosis.unexplained.local_patch import LocalPatch
 from models.core.answer import format_html
 from models.core.typing import FloatArray
 
+# Standard deviations from which a coefficient of a simulator is called wrong.
+_WRONG_SIGMAS = 3.0
+
 Verdict = Literal["effects", "group", "none", "unknown", "undecidable"]
 
 
@@ -33,6 +36,13 @@ class Strength:
     same."""
     body_spread: float = 0.0
     """Standard deviation of the strength between bodies; 0 where all bodies may have the same."""
+    stated: float = float("nan")
+    """Value of a coefficient that a simulator from outside states; NaN of others."""
+
+    @property
+    def is_wrongly_stated(self) -> bool:
+        """Whether the data contradict the value that a simulator states."""
+        return not self.prior_only and abs(self.value - self.stated) > _WRONG_SIGMAS * self.sigma
 
 
 @dataclass(frozen=True, slots=True)

@@ -166,7 +166,7 @@ def diagnose_into(
         scene = pair_with_pooltool(scene)
     with show_search_progress(console, shown_title) as watch:
         report = diagnose(scene, read.recordings, on_progress=watch, executor=workers)
-    report = replace(report, notes=(*describe_coefficients(scene, report), *report.notes, *sources, *read.notes))
+    report = replace(report, notes=(*describe_coefficients(report), *report.notes, *sources, *read.notes))
     write_gap_files(report, folder)
     if (table := billiards_table(scene)) is not None:
         write_profile_files(report, table, folder, collect_views(folders))

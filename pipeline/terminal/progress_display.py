@@ -68,8 +68,8 @@ def show_activity(console: Console, title: str = "", *, least_interval: float = 
     Args:
         console: Console of the display, on standard error.
         title: Words before each activity.
-        least_interval: Where the console is no terminal, a line is printed when an activity begins, unless as many
-            seconds have not yet passed since the start, or since the last line.
+        least_interval: s between two printed lines, at least; where the console is no terminal, an activity that begins
+            within them is not printed.
 
     Yields:
         A function that is called with each activity.

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 
 from diagnosis.verdicts.verdict import Strength
 from models.estimation.gap_scenes.outside_simulator import Joint
-from models.physics.effect import Effect, Prior
 from pipeline.simulator_diagnosis import _describe_changes
 
 INF = float("inf")
@@ -16,13 +15,9 @@ def describe(
     effects: tuple[str, ...],
     *fitted: Strength,
     joints: tuple[Joint, ...] = (Joint("hip", "rad"),),
-    stated: tuple[Effect, ...] = (),
 ) -> tuple[str, ...]:
     simulator = SimpleNamespace(own_effects={"joint_friction": (), "armature": ()}, joints=joints)
-    scene = SimpleNamespace(
-        simulator=simulator, has_stated_values=True, effects=stated, simulator_effects=[one.name for one in stated]
-    )
-    return _describe_changes(scene, SimpleNamespace(effects=effects, fitted=fitted))  # type: ignore[arg-type]
+    return _describe_changes(SimpleNamespace(simulator=simulator), SimpleNamespace(effects=effects, fitted=fitted))  # type: ignore[arg-type]
 
 
 def test_the_attributes_of_every_joint_are_given():
@@ -48,8 +43,6 @@ def test_what_the_data_do_not_show_and_what_no_attribute_holds_is_left_out():
 
 
 def test_a_wrong_coefficient_is_given_even_where_it_is_zero_and_a_right_one_is_not():
-    prior = Prior("inertia", "kg m2", 0.02, 0.01, False, (0.0, 1.0))
-    stated = Effect("armature", (prior,), (0.0,), (), "")
     for value, sigma, text in ((0.0, 0.002, ('in the file of your simulator, give joint hip armature="0"',)),
                                (0.015, 0.002, ())):  # fmt: skip
-        assert describe((), Strength("armature.inertia", "kg m2", value, sigma, INF), stated=(stated,)) == text
+        assert describe((), Strength("armature.inertia", "kg m2", value, sigma, INF, stated=0.02)) == text

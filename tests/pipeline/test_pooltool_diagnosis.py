@@ -72,7 +72,7 @@ def test_a_slope_that_another_engine_lacks_is_named_and_its_coefficient_is_corre
     film_sloping_table(tmp_path / "shots")
     done = terminal("diagnose", str(tmp_path / "shots"), "--simulator", "pooltool", "-o", str(tmp_path / "gap"))
     assert done.status == 0, done.out
-    assert "Your simulator lacks slope. The coefficients that it states are wrong" in done.out
+    assert "Your simulator lacks slope. Coefficients of your simulator are wrong" in done.out
     gap = json.loads((tmp_path / "gap" / "gap.json").read_text())
     slope = gap["fitted"]["slope.slope_x"]
     assert slope["value"] == pytest.approx(2.0, abs=max(4 * slope["sigma"], 0.1))

@@ -101,7 +101,7 @@ def test_a_wrong_coefficient_of_a_file_is_reported_and_is_no_missing_effect(tmp_
     note = next(note for note in report.notes if note.startswith("your "))
     assert "viscous is 0.05" in note
     assert report.gap.as_stated > 3 * report.gap.closure.before
-    assert "The coefficients that it states are wrong: with them its rms error is" in format_verdict(report)
+    assert "Coefficients of your simulator are wrong: with them, its rms error is" in format_verdict(report)
     assert any(note.startswith('in the file of your simulator, give joint hinge damping="0.0') for note in report.notes)
     fitted = {one.name: one for one in report.fitted}["joint_friction.viscous"]
     assert fitted.value == pytest.approx(0.02, abs=4 * fitted.sigma)

@@ -98,8 +98,8 @@ class OutsideSimulator(Protocol):
         """Whether `advance` takes forces and torques; accelerations otherwise."""
 
     @property
-    def takes_columns(self) -> bool:
-        """Whether a step of hundreds of runs costs about as much as that of one."""
+    def is_free_beside_others(self) -> bool:
+        """Whether a run costs next to nothing where others are simulated beside it."""
 
     @property
     def failure(self) -> str:

@@ -392,7 +392,7 @@ class SimulatorModel:
         Where derivatives cost nothing beside a simulation, they come with it: most are needed in the next step.
         """
         cases = [(self.segments[k], start, values) for k, start, values in zip(windows, starts, shared, strict=True)]
-        if has_jacobians or self.scene.simulator.takes_columns:
+        if has_jacobians or self.scene.simulator.is_free_beside_others:
             needed = np.flatnonzero(self.jacobian_mask)
             plans = [self.scene.plan_differences(*case, needed) for case in cases]
             motions = self.scene.simulate([one.stretch for one in plans])

@@ -44,7 +44,7 @@ from pipeline.reporting.text.text_formatting import escape_text
 _USUAL_SIGMA = 1e-3
 # Recorded poses in which bodies are tested for contact: a second of a fast robot.
 _MOST_POSES = 500
-# Recorded poses, at rest, from which a function is tried.
+# Least number of recorded poses, at rest, from which a function is tried: mixed-up runs show already with two.
 _TRIED_STATES = 5
 # Share of a turn by which a recorded angle jumps where a sensor begins anew: no joint turns as far between two rows.
 _JUMP_SHARE = 0.75

@@ -90,7 +90,7 @@ class MujocoSimulator:
     """A MuJoCo model; see `models.estimation.gap_scenes.outside_simulator.OutsideSimulator`."""
 
     takes_forces = True
-    takes_columns = False
+    is_free_beside_others = False
     failure = "MuJoCo finds no finite motion"
 
     def __init__(self, model: Any, touching: tuple[tuple[int, int], ...] = ()) -> None:

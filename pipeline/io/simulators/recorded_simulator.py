@@ -21,7 +21,7 @@ class RecordedSimulator:
     """Recorded predictions; see `models.estimation.gap_scenes.outside_simulator.OutsideSimulator`."""
 
     takes_forces = False
-    takes_columns = False
+    is_free_beside_others = False
     failure = ""
     last_mass = 1.0
     velocity_lag = 0.0

@@ -21,7 +21,7 @@ from diagnosis.fitting.display_names import (
 from diagnosis.unexplained.force_law import ForceLaw
 from diagnosis.unexplained.local_patch import LocalPatch
 from diagnosis.verdicts.candidate_probabilities import SMALL_P_VALUE
-from diagnosis.verdicts.verdict import CandidateEffect, DiagnosisReport, Gap, Strength
+from diagnosis.verdicts.verdict import CandidateEffect, DiagnosisReport, Strength
 from models.core.number_format import (
     EXTREME_PROBABILITY,
     format_probability,
@@ -106,17 +106,24 @@ def format_verdict(report: DiagnosisReport) -> str:
     Returns:
         One sentence or two.
     """
-    return _format_missing(report) + _format_wrong_coefficients(report.gap)
+    return _format_missing(report) + _format_wrong_coefficients(report)
 
 
-def _format_wrong_coefficients(gap: Gap) -> str:
-    """Format what the coefficients that a simulator states cost; empty where that is little, or unknown."""
-    if not gap.as_stated > _CLEARLY_WORSE * gap.closure.before:
+def _format_wrong_coefficients(report: DiagnosisReport) -> str:
+    """Format what the wrong coefficients of a simulator cost; empty where they are right, or that is little.
+
+    The error with fitted coefficients alone is no evidence that they are wrong: they take the part of what is missing.
+    """
+    gap = report.gap
+    if (
+        not any(one.is_wrongly_stated for one in report.fitted)
+        or not gap.as_stated > _CLEARLY_WORSE * gap.closure.before
+    ):
         return ""
     stated, fitted = (format_error_size(one, gap.metric) for one in (gap.as_stated, gap.closure.before))
     return (
-        f" The coefficients that it states are wrong: with them its rms error is {stated}, with coefficients fitted to"
-        f" the recordings {fitted}."
+        f" Coefficients of your simulator are wrong: with them, its rms error is {stated}, and {fitted} with those that"
+        " fit the recordings."
     )
 
 

@@ -302,9 +302,11 @@ def test_what_comes_nearest_is_not_called_added_and_noise_is_no_larger_than_the_
     )
     own = replace(report("none"), gap=replace(gap, closure=noise, as_stated=0.02))
     assert "the simulator, its coefficients fitted to the recordings, over the first" in format_gap_closure(own)
+    assert format_verdict(own) == format_verdict(report("none")), "another effect may be missing"
+    own = replace(own, fitted=(Strength("joint_friction.viscous", "N m", 0.31, 0.02, 0.1, stated=0.6),))
     assert format_verdict(own).endswith(
-        " The coefficients that it states are wrong: with them its rms error is 20 mm, with coefficients fitted to the"
-        " recordings 1.62 mm."
+        " Coefficients of your simulator are wrong: with them, its rms error is 20 mm, and 1.62 mm with those that fit"
+        " the recordings."
     )
     hidden_by_its_start = replace(own, gap=replace(own.gap, as_stated=1.15 * noise.before))
     assert format_verdict(hidden_by_its_start) == format_verdict(report("none"))

@@ -34,7 +34,7 @@ class FreeBody:
     joints: tuple[Joint, ...] = (Joint("x", "m"),)
     inputs: tuple[str, ...] = ("push",)
     takes_forces: bool = True
-    takes_columns: bool = False
+    is_free_beside_others: bool = False
     drives: tuple[Drive, ...] = ()
     last_mass: float = 1.0
     velocity_lag: float = 0.0

@@ -215,19 +215,16 @@ def test_a_fit_simulates_once_per_step_where_derivatives_cost_nothing(monkeypatc
     free = np.array(
         [f"{owner}.{one.name}" == "actuator_gain.limit" for owner, one in zip(scene.owners, scene.priors, strict=True)]
     )
-    counts, fits, calls = [], [], []
+    counts, fits, calls, simulate = [], [], [], SimulatorScene.simulate
     monkeypatch.setattr(SimulatorScene, "simulate", lambda own, some: calls.append(1) or simulate(own, some))
-    for takes_columns in (False, True):
-        scene.simulator.takes_columns = takes_columns  # type: ignore[misc]
+    for is_free in (False, True):
+        scene.simulator.is_free_beside_others = is_free  # type: ignore[misc]
         calls.clear()
         model = fix_parameters(scene.build_model(seen, (), free), stated(scene), free, scene.priors)
         fits.append(fit_windows(model, options=ShootingOptions(iterations=10, is_smooth=True)))
         counts.append(len(calls))
     assert np.array_equal(fits[0].shared, fits[1].shared)
     assert counts[1] < 0.7 * counts[0]
-
-
-simulate = SimulatorScene.simulate
 
 
 MOTOR = SERVO.replace('<position name="servo" joint="arm" kp="100" kv="2" forcerange="-{0} {0}"/>', "{0}")

@@ -238,6 +238,7 @@ def test_windows_are_simulated_together_and_fitted_as_each_alone(has_parameters:
     model = split_windows(filmed(np.random.default_rng(3), 6, 0.002), 0.7)
     own = {one.name: getattr(model, one.name) for one in fields(model)}
     results = []
+    TogetherBounces.groups.clear()
     for scene in (Bounces(**own), TogetherBounces(**own)):
         fixed = fix_parameters(scene, TRUTH, np.full(2, has_parameters), scene.unknowns)
         results.append(fit_windows(fixed, TRUTH[: 2 * has_parameters]))

@@ -45,13 +45,17 @@ def by_forces(state, inputs, dt, force):
     v = v + dt * (inputs[0] - 20.0 * np.sin(q) + force[0] / 2.0)
     return np.array([q + dt * v, v])
 
+def by_the_sum_of_all(state, inputs, dt):
+    return by_arrays(state, inputs, dt) + 0.0 * np.sum(state)
+
 def against_forces(state, inputs, dt, force):
     return by_forces(state, inputs, dt, -force)
 
 def with_a_mass(state, inputs, dt, mass=1.0):
     return by_arrays(state, inputs / mass, dt)
 
-for law in (by_arrays, by_numbers, by_the_size_of_all, by_the_fastest, by_forces, against_forces, with_a_mass):
+for law in (by_arrays, by_numbers, by_the_size_of_all, by_the_fastest, by_forces, against_forces, with_a_mass,
+            by_the_sum_of_all):
     law.inputs = ("push",)
 """
 STATES = np.array([[0.1, 0.0], [0.2, 0.0], [-0.3, 0.0]])
@@ -125,8 +129,9 @@ def test_a_function_of_arrays_is_called_once_for_all_runs(laws: str):
     assert len(alone) == pytest.approx(INPUTS.shape[1] / 8, abs=1), "now and then one is checked"
 
 
-def test_a_run_that_diverges_ends_alone(laws: str):
-    simulator = try_function(read_function(f"{laws}:by_arrays", (Joint("q", "rad"),)), STATES)
+@pytest.mark.parametrize("name", ["by_arrays", "by_the_sum_of_all"])
+def test_a_run_that_diverges_ends_alone(laws: str, name: str):
+    simulator = try_function(read_function(f"{laws}:{name}", (Joint("q", "rad"),)), STATES)
     starts = STARTS.copy()
     starts[1] = np.inf
     path = play(simulator, starts=starts)
