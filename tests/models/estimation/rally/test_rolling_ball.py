@@ -107,7 +107,8 @@ def test_the_probability_of_a_point_contains_that_of_the_last_player_who_hit() -
     doubtful = replace(rally, events=(replace(rally.events[0], probability=0.78), rally.events[1]))
     call = judge_landing(doubtful)
     assert judge_point(doubtful, call)[1] == pytest.approx(0.78, abs=1e-3)
-    assert "These include the probability that the left player hit it last: 78 %." in format_point(doubtful, call).confidence
+    confidence = format_point(doubtful, call).confidence
+    assert "These include the probability that the left player hit it last: 78 %." in confidence
     assert not format_point(doubtful, call).is_decided
     several = replace(doubtful, last_player=("left", 0.95))
     assert judge_point(several, judge_landing(several))[1] == pytest.approx(0.95, abs=1e-3)
