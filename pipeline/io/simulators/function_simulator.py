@@ -4,8 +4,8 @@ The state is an array of all positions, then all velocities. Where it takes a `f
 torques on the coordinates, N and N m: effects act as these do, also on what a joint carries; else they change the
 velocities of single coordinates between the steps. What the names of the columns of a recording leave open may
 stand as attributes of the function: `coordinates`, `units`, `inputs`, `time_step`, its longest step in s, and
-`velocity_lag`, the time in s by which its velocities lag behind its positions: half a step where it moves positions by
-the new velocities (semi-implicit Euler), else 0.
+`velocity_lag`, the time in s by which its velocities lag behind its positions. Where that is not stated, it is half a
+step if the function moves positions by the new velocities (semi-implicit Euler), else 0.
 """
 
 from __future__ import annotations
@@ -58,7 +58,8 @@ def read_function(name: str, columns: Sequence[Joint]) -> FunctionSimulator:
     if not callable(call):
         raise OptionError(f"A function MODULE:FUNCTION was expected; {name} is a {type(call).__name__}")
     coordinates = _read_names(call, name, "coordinates")
-    units = _read_names(call, name, "units") or ("rad",) * len(coordinates)
+    units = _read_names(call, name, "units") or ("rad",)
+    units = units * len(coordinates) if len(units) == 1 else units
     if not coordinates and not columns:
         raise OptionError(
             f'{name} has to state its coordinates: {function}.coordinates = ("elbow", ...), as the columns of the'
@@ -70,16 +71,17 @@ def read_function(name: str, columns: Sequence[Joint]) -> FunctionSimulator:
     step = getattr(call, "time_step", _USUAL_TIME_STEP)
     if not isinstance(step, int | float) or not 0 < step < float("inf"):
         raise OptionError(f"{name}.time_step is a number of seconds above 0; got {step}")
-    lag = getattr(call, "velocity_lag", 0.0)
-    if not isinstance(lag, int | float) or not 0 <= lag <= step:
+    lag = getattr(call, "velocity_lag", None)
+    if lag is not None and (not isinstance(lag, int | float) or not 0 <= lag <= step):
         raise OptionError(f"{name}.velocity_lag is a number of seconds from 0 to its time step; got {lag}")
     inputs = _read_names(call, name, "inputs")
-    return FunctionSimulator(module, function, joints, inputs, float(step), float(lag))
+    return FunctionSimulator(module, function, joints, inputs, float(step), float(lag or 0), states_lag=lag is not None)
 
 
 def _read_names(call: object, name: str, attribute: str) -> tuple[str, ...]:
-    """Read an attribute of a function that lists names; empty where it has none."""
+    """Read an attribute of a function that lists names, or has one; empty where it has none."""
     names = getattr(call, attribute, ())
+    names = (names,) if isinstance(names, str) else names
     if not isinstance(names, tuple | list) or not all(isinstance(one, str) for one in names):
         raise OptionError(f'{name}.{attribute} is a tuple of names, ("elbow", ...); got {names!r}'[:200])
     return tuple(names)
@@ -98,7 +100,8 @@ def try_function(simulator: FunctionSimulator, states: FloatArray) -> FunctionSi
         states: (C, 2N) recorded states.
 
     Returns:
-        The simulator, which steps many runs at once where the function can, with the inertias of its joints.
+        The simulator, which steps many runs at once where the function can, with the inertias of its joints and the
+        lag of its velocities.
 
     Raises:
         OptionError: The function cannot go one step from the first state, or takes forces that do not drive its joints.
@@ -126,7 +129,19 @@ def _try_steps(simulator: FunctionSimulator, states: FloatArray) -> FunctionSimu
     except (Exception, SystemExit):  # single states will do
         takes_columns = False
     joints = _measure_inertias(simulator, states) if simulator.takes_forces else simulator.joints
-    return simulator.copy(joints, takes_columns=takes_columns)
+    lag = simulator.velocity_lag
+    if not simulator.states_lag and _moves_by_new_velocities(simulator, states):
+        lag = simulator.time_step / 2
+    return simulator.copy(joints=joints, takes_columns=takes_columns, velocity_lag=lag)
+
+
+def _moves_by_new_velocities(simulator: FunctionSimulator, states: FloatArray) -> bool:
+    """Return whether a step moves every position by the new velocity, from states (C, 2N)."""
+    count, nothing = len(simulator.joints), (np.zeros(len(simulator.inputs)), np.zeros(len(simulator.joints)))
+    after = np.array([simulator.step(one, *nothing) for one in states])
+    velocity, moved = after[:, count:], after[:, :count] - states[:, :count]
+    # where nothing accelerates, old and new velocities are the same
+    return (velocity != states[:, count:]).any() and _is_same(moved, simulator.time_step * velocity)
 
 
 def _measure_inertias(simulator: FunctionSimulator, states: FloatArray) -> tuple[Joint, ...]:
@@ -180,11 +195,12 @@ class FunctionSimulator:
         time_step: float,
         velocity_lag: float,
         takes_columns: bool = False,
+        states_lag: bool = False,
     ) -> None:
-        """Take a function, what it states, and whether it steps C states at once, as the columns of an array."""
+        """Take a function, what it states (its lag or not), and whether it steps C states at once, as columns."""
         self.module, self.function = module, function
         self.joints, self.inputs, self.time_step, self.velocity_lag = joints, inputs, time_step, velocity_lag
-        self.takes_columns = takes_columns
+        self.takes_columns, self.states_lag = takes_columns, states_lag
         self.servo_joints = (-1,) * len(inputs)
         self.rest = np.zeros(2 * len(joints))
         self.failure = ""
@@ -193,8 +209,12 @@ class FunctionSimulator:
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
         """Pickle the name of the function, which another process imports."""
-        own = self.module, self.function, self.joints, self.inputs, self.time_step, self.velocity_lag
-        return _import_again, (str(Path.cwd()), *own, self.takes_columns)
+        return _import_again, (str(Path.cwd()), *self._arguments.values())
+
+    @property
+    def _arguments(self) -> dict[str, Any]:
+        names = ("module", "function", "joints", "inputs", "time_step", "velocity_lag", "takes_columns", "states_lag")
+        return {name: getattr(self, name) for name in names}
 
     @property
     def is_free_beside_others(self) -> bool:
@@ -203,12 +223,11 @@ class FunctionSimulator:
 
     def halve_step(self) -> FunctionSimulator:
         """Return the simulator with half its step."""
-        return self.copy(self.joints, self.takes_columns, 0.5)
+        return self.copy(time_step=self.time_step / 2, velocity_lag=self.velocity_lag / 2)
 
-    def copy(self, joints: tuple[Joint, ...], takes_columns: bool, share: float = 1.0) -> FunctionSimulator:
-        """Return the simulator with other properties of its joints, another way to take states, or shorter steps."""
-        step, lag = share * self.time_step, share * self.velocity_lag
-        return FunctionSimulator(self.module, self.function, joints, self.inputs, step, lag, takes_columns)
+    def copy(self, **changes: Any) -> FunctionSimulator:
+        """Return the simulator with other arguments."""
+        return FunctionSimulator(**{**self._arguments, **changes})
 
     def begin(
         self, starts: FloatArray, values: Sequence[EffectValues], powered: BoolArray, shots: IntArray, t: FloatArray

@@ -45,6 +45,15 @@ def by_forces(state, inputs, dt, force):
     v = v + dt * (inputs[0] - 20.0 * np.sin(q) + force[0] / 2.0)
     return np.array([q + dt * v, v])
 
+def by_old_velocities(state, inputs, dt):
+    q, v = state
+    return np.array([q + dt * v, v + dt * (inputs[0] - 20.0 * np.sin(q))])
+
+def that_states_it(state, inputs, dt):
+    return by_arrays(state, inputs, dt)
+
+that_states_it.velocity_lag = 0.0
+
 def by_the_sum_of_all(state, inputs, dt):
     return by_arrays(state, inputs, dt) + 0.0 * np.sum(state)
 
@@ -55,7 +64,7 @@ def with_a_mass(state, inputs, dt, mass=1.0):
     return by_arrays(state, inputs / mass, dt)
 
 for law in (by_arrays, by_numbers, by_the_size_of_all, by_the_fastest, by_forces, against_forces, with_a_mass,
-            by_the_sum_of_all):
+            by_the_sum_of_all, by_old_velocities, that_states_it):
     law.inputs = ("push",)
 """
 STATES = np.array([[0.1, 0.0], [0.2, 0.0], [-0.3, 0.0]])
@@ -111,6 +120,12 @@ def test_a_function_that_takes_forces_moves_as_they_and_its_inertia_say(laws: st
         np.testing.assert_allclose(
             pushed.advance(INPUTS[runs], FORCE[runs]), driven.advance(inputs, 0 * FORCE[runs]), rtol=1e-9, atol=1e-12
         )
+
+
+@pytest.mark.parametrize(("name", "steps"), [("by_arrays", 0.5), ("by_old_velocities", 0.0), ("that_states_it", 0.0)])
+def test_velocities_lag_where_positions_are_moved_by_the_new_ones(laws: str, name: str, steps: float):
+    simulator = try_function(read_function(f"{laws}:{name}", (Joint("q", "rad"),)), STATES)
+    assert simulator.velocity_lag == steps * simulator.time_step
 
 
 def test_a_force_that_drives_backwards_is_one_sentence(laws: str):

@@ -217,11 +217,13 @@ def test_a_module_that_cannot_be_used_is_refused(
 
 def test_a_function_states_how_far_its_velocities_lag_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     text = "def step(s, i, dt): return s\nstep.time_step, step.velocity_lag = 0.004, 0.002"
+    text += "\nstep.coordinates, step.units = ('x', 'y'), 'm'"
     (tmp_path / "lagging.py").write_text(text)
     monkeypatch.syspath_prepend(str(tmp_path))
     simulator = read_function("lagging:step", (Joint("q", "rad"),))
     assert pickle.loads(pickle.dumps(simulator)).velocity_lag == simulator.velocity_lag == 0.002
     assert simulator.halve_step().velocity_lag == 0.001
+    assert [one.unit for one in simulator.joints] == ["m", "m"], "one unit is that of all"
 
 
 def test_a_recorded_simulation_is_read_as_a_simulator(tmp_path: Path):
