@@ -51,8 +51,8 @@ def format_point(rally: Rally, call: LandingCall) -> PointWords:
     confidence = f"{', '.join(stated)} (by the rules of {call.area.replace('-', ' ')})."
     sure = weigh_hitter(rally, hit) if hit is not None and hitter else 1.0
     if sure < SURE_PROBABILITY:
-        chance = format_probability(sure)
-        confidence += f" These include the probability that the {hitter} player hit it last: {chance}."
+        certainty = format_probability(sure)
+        confidence += f" These include the probability that the {hitter} player hit it last: {certainty}."
     reason = " ".join(filter(None, [_describe_end(rally, call, hitter), words.advice]))
     if not winner or call.verdict == "undecided":
         if hitter and call.landing is not None:
