@@ -117,7 +117,7 @@ def find_contradicted(rally: Rally, marks: Sequence[EventMark]) -> list[EventMar
 
 def settle_marks(rally: Rally, places: Sequence[BallMark], marks: Sequence[EventMark]) -> Rally:
     """Give marked events the probability of what a person saw, leave out deleted ones, and note what fits no flight."""
-    events, notes = list(rally.events), list(rally.notes)
+    events = list(rally.events)
     for mark in marks:
         near = [k for k, one in enumerate(events) if one.kind == mark.kind and mark.is_near(one.t)]
         if not mark.is_there:
@@ -126,18 +126,28 @@ def settle_marks(rally: Rally, places: Sequence[BallMark], marks: Sequence[Event
             events = [one for k, one in enumerate(events) if k not in gone]
         elif near:
             k = min(near, key=lambda row: abs(events[row].t - mark.t))
-            p, off = events[k].probability, abs(events[k].t - mark.t)
+            p = events[k].probability
             events[k] = replace(events[k], probability=p * HAND_ODDS / (1 - p + p * HAND_ODDS))
-            if off > CONTRADICTION_SIGMAS * np.hypot(mark.sigma, events[k].t_sigma):
-                notes.append(f"{mark.kind}-set-by-hand-at-{mark.t:.2f}-s-flies-as-if-at-{events[k].t:.2f}-s")
         elif mark.kind == "hit" and (hit := _begin_flight(rally, mark)) is not None:
             events = sorted([*events, hit], key=lambda one: one.t)
-        else:
-            notes.append(f"{mark.kind}-set-by-hand-at-{mark.t:.2f}-s-fits-no-flight")
+    notes = [*rally.notes, *filter(None, (note_contradiction(mark, events) for mark in marks))]
     placed = [one.ball.frame for one in places if one.kind == "placed"]
     lost = [frame for frame in placed if not rally.is_used[rally.frame == frame].any()]
     notes += [f"place-set-by-hand-in-frame-{frame}-fits-no-flight" for frame in lost]
     return _settle_landings(replace(rally, events=tuple(events), notes=tuple(notes)), marks)
+
+
+def note_contradiction(mark: EventMark, events: Sequence[RallyEvent]) -> str:
+    """Note how the events of a rally contradict a marked one; empty where they do not."""
+    if not mark.is_there:
+        return ""
+    near = [one for one in events if one.kind == mark.kind and mark.is_near(one.t)]
+    if not near:
+        return f"{mark.kind}-set-by-hand-at-{mark.t:.2f}-s-fits-no-flight"
+    own = min(near, key=lambda one: abs(one.t - mark.t))
+    if abs(own.t - mark.t) <= CONTRADICTION_SIGMAS * np.hypot(mark.sigma, own.t_sigma):
+        return ""
+    return f"{mark.kind}-set-by-hand-at-{mark.t:.2f}-s-flies-as-if-at-{own.t:.2f}-s"
 
 
 def _begin_flight(rally: Rally, mark: EventMark) -> RallyEvent | None:
