@@ -92,10 +92,10 @@ def _list_contradictions(rally: Rally, corrections: Corrections) -> list[dict[st
     ]
     rows = []
     for note in (one for one in rally.notes if "-set-by-hand-" in one):
-        found = next((one for one in own if one[0] == note), None)
-        if found is not None:
-            own.remove(found)  # of marks with the same sentence, each has its own
-        number = None if found is None else found[1]
+        match = next((one for one in own if one[0] == note), None)
+        if match is not None:
+            own.remove(match)  # of marks with the same sentence, each has its own
+        number = None if match is None else match[1]
         rows.append({"text": f"{start_sentence(note.replace('-', ' '))}.", "contact": number})
     return rows
 
