@@ -29,7 +29,7 @@ from pipeline.engine.stage_graph import RunWatcher, StageGraph, accept_result
 from pipeline.io.corrections_file import corrections_path, read_corrections
 from pipeline.io.run_folder import SOURCE_FILE, STAGE_FILES, TABLES, read_source
 from pipeline.io.run_views import view_inputs
-from pipeline.io.saved_shot import holds_rally, publish_shot
+from pipeline.io.saved_shot import publish_shot
 from pipeline.io.shot_laws import keep_laws
 from pipeline.reporting.text.fit_sentences import format_corrections
 from pipeline.reporting.text.rally_sentences import assess_rally_trust
@@ -240,12 +240,13 @@ def explain_clip(
     Raises:
         TruerollError: The clip or an option cannot be used.
     """
+    corrected = honour_corrections(clip, hash_clip(clip), options)
     court = build_court_graph(clip, options, memory=memory).select("rally")
-    if not honour_corrections(clip, hash_clip(clip), options).court.has_court:
+    if not corrected.court.has_court:
         try:
             return run_shot_graph(build_shot_graph(clip, options, memory), cache, watcher)
         except TableNotFound as refusal:
-            _require_court(court, options, refusal, cache, watcher)
+            _require_court(court, corrected, refusal, cache, watcher)
     entries = court.run(cache, watcher)
     return court.load("read", entries), court.load("rally", entries)
 
@@ -261,6 +262,13 @@ def _require_court(
         graph.select("court").run(cache, watcher, check, snapshot)
     except ClipError:
         raise refusal from None
+
+
+def _is_known_court(court: StageGraph, options: RunOptions, cache: ResultCache) -> bool:
+    """Find out whether a run of these options saw no table and found a court: the search for a table takes seconds."""
+    if options.court.sport is not None or options.calibrate != RunOptions().calibrate:
+        return False
+    return all(status.state == "cached" for status in court.select("court").list_statuses(cache))
 
 
 def run_tables(
@@ -283,27 +291,30 @@ def run_tables(
         publishes: Whether to write to the folder at all.
 
     Returns:
-        Clip, scene, tracks, views of the shot, and the digest of the tables; of a rally: clip, rally and digest. A
-        clip whose folder holds a rally shows one, unless a sport is named.
+        Clip, scene, tracks, views of the shot, and the digest of the tables; of a rally: clip, rally and digest.
 
     Raises:
         TruerollError: The clip or an option cannot be used. No unfinished file remains.
     """
     corrected = honour_corrections(clip, hash_clip(clip) if shot is None else shot.whole.digest, options, shot)
-    is_found = holds_rally(folder) and corrected.court.sport is None
-    is_rally = corrected.court.has_court or is_found
     require_writable_folder(folder)
     require_clip_not_overwritten(clip, folder)
     with open_frame_memory() as memory:
-        build = build_court_graph if is_rally else build_run_graph
-        graph = build(clip, options, shot, memory=memory).select("export")
-        entries = graph.run(cache, watcher)
+        court = build_court_graph(clip, options, shot, memory).select("export")
+        graph = court
+        try:
+            if not (corrected.court.has_court or _is_known_court(court, corrected, cache)):
+                graph = build_run_graph(clip, options, shot, memory=memory).select("export")
+            entries = graph.run(cache, watcher)
+        except TableNotFound as refusal:
+            _require_court(court, corrected, refusal, cache, watcher)
+            graph, entries = court, court.run(cache, watcher)
     if publishes:
         report_tables = find_report_tables(folder)
         publish_files(entries, folder, keeps_older=True)
         write_source(clip, folder, options, shot, report_tables)
     tables = hash_tables(entries["export"].folder)
-    if is_rally:
+    if "rally" in entries:
         return graph.load("read", entries), graph.load("rally", entries), tables
     values: dict[str, Any] = {one: graph.load(one, entries) for one in ("read", "explain", "laws") if one in entries}
     explained: Shot = values["explain"]
@@ -405,7 +416,7 @@ def run_clip(
             entries = graph.run(cache, watcher, check, snapshot, publish_answer)
         except TableNotFound as refusal:
             has_court, graph = True, _build_graph(clip, digest, corrected, True, shot, executor, memory)
-            _require_court(graph, options, refusal, cache, watcher, check, snapshot)
+            _require_court(graph, corrected, refusal, cache, watcher, check, snapshot)
             entries = graph.run(cache, watcher, check, snapshot, publish_answer)
     publish_files(entries, folder)
     write_source(clip, folder, options, shot, hash_tables(folder))

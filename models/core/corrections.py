@@ -161,6 +161,12 @@ class RallyCorrection:
     def __post_init__(self) -> None:
         _require_times(self.kind, self.frame, self.to_frame)
 
+    def split_move(self) -> tuple[RallyCorrection, ...]:
+        """Split a move into what it says of two moments: a deletion and a mark; other corrections stay as they are."""
+        if self.to_frame is None:
+            return (self,)
+        return RallyCorrection("delete", self.event, self.frame), RallyCorrection("mark", self.event, self.to_frame)
+
 
 @dataclass(frozen=True, slots=True)
 class Corrections:
@@ -203,7 +209,7 @@ class Corrections:
             contacts=tuple(
                 one for one in self.contacts if is_inside(one.ball, one.other) and min(one.frame, one.at) >= first
             ),
-            events=tuple(one for one in self.events if first <= one.frame < stop),
+            events=tuple(part for one in self.events for part in _cut_event(one, first, stop)),
         )
 
 
@@ -214,6 +220,13 @@ def is_ball_name(name: str) -> bool:
     """Return whether a word can be the id of a ball: it is a column of CSV files and an argument of commands."""
     allowed = name.isascii() and name.replace("-", "").replace("_", "").replace(".", "").isalnum()
     return allowed and len(name) <= NAME_CHARACTERS and name not in CUSHIONS
+
+
+def _cut_event(correction: RallyCorrection, first: int, stop: int) -> tuple[RallyCorrection, ...]:
+    """Cut a correction to what it says of frames `first` to `stop` - 1."""
+    parts = correction.split_move()
+    inside = tuple(part for part in parts if first <= part.frame < stop)
+    return (correction,) if len(inside) == len(parts) else inside
 
 
 def _require_frame(frame: float) -> None:

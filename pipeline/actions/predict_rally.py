@@ -111,7 +111,8 @@ def explain_past(rally: Rally, t: float, corrections: Corrections = NO_CORRECTIO
     )  # fmt: skip
     last = int(rally.frame[rows[-1]])
     past = corrections.select_span(int(rally.frame[rows[0]]), last + 1)
-    past = replace(past, events=tuple(one for one in past.events if one.frame <= last and (one.to_frame or 0) <= last))
+    parts = (part for one in corrections.events for part in one.split_move())
+    past = replace(past, events=tuple(part for part in parts if part.frame <= last))
     return explain_rally(rally.scene, candidates, rally.frame[rows], rally.t[rows], ignore_progress, past)
 
 

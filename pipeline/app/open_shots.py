@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from models.core.corrections import Corrections
-from models.core.errors import TruerollError
+from models.core.errors import OptionError, TruerollError
 from models.core.fit_result import Fit, WholeShotFit
 from models.core.rally import Rally
 from models.core.shot import Shot
@@ -113,7 +113,7 @@ class OpenShot:
 
     @property
     def corrections(self) -> Corrections:
-        """What a person had corrected when the run was made."""
+        """What a person had corrected when the run was made; raises OptionError where its note is malformed."""
         if isinstance(self.saved, Shot):
             return self.saved.corrections
         return read_noted_corrections(self.folder)
@@ -121,8 +121,9 @@ class OpenShot:
     @property
     def run(self) -> ClipRun | CourtRun:
         """The values of the run that the page needs."""
-        scene = read_json(self.folder / "scene.json", "A run folder has a scene.json")
-        fps = float(scene.get("fps") or 0.0) if isinstance(scene, dict) else 0.0
+        fps = 0.0
+        with suppress(OptionError, AttributeError, TypeError, ValueError):  # the saved shot is enough to be shown
+            fps = float(read_json(self.folder / "scene.json", "A run folder has a scene.json")["fps"])
         if isinstance(self.saved, Rally):
             return CourtRun(fps, self.saved, hash_tables(self.folder))
         return ClipRun(fps, self.shot.scene, self.shot.tracks, self.fit, hash_tables(self.folder))
@@ -319,7 +320,9 @@ class ShotDesk:
             marks = read_corrections(edited.path, edited.digest).corrections
             if edited.first is not None and edited.stop is not None:
                 marks = marks.select_span(edited.first, edited.stop)
-            is_current = _list_marks(marks) == _list_marks(opened.corrections)
+            is_current = False
+            with suppress(OptionError):
+                is_current = marks == opened.corrections
             session = EditSession(
                 edited, continue_run_options(edited, RunOptions()), self._cache, opened.run if is_current else None,
                 partial(self._library.announce, type="shot", id=shot),
@@ -366,11 +369,6 @@ class ShotDesk:
     def _look_for_idle(self) -> None:
         while not self._is_closed.wait(LOOK_S):
             self.close_idle(time.monotonic())
-
-
-def _list_marks(corrections: Corrections) -> tuple[object, ...]:
-    """List what was marked by hand; the settings of a run are noted elsewhere."""
-    return corrections.balls, corrections.tracks, corrections.contacts, corrections.events
 
 
 def _hash_state(folder: Path) -> str:

@@ -161,7 +161,7 @@ def describe_rally(opened: OpenShot, session: EditSession | None, why_no_session
     if state["run"] is None:  # until the first run of a session
         run = opened.run
         assert isinstance(run, CourtRun)
-        state["run"] = describe_rally_run(run, None, opened.corrections)
+        state["run"] = describe_rally_run(run, None)
     sport, name = rally.scene.sport, rally.scene.sport.object.name
     strokes, call = summarize_strokes(rally), judge_landing(rally)
     point = format_point(rally, call)

@@ -22,6 +22,7 @@ from starlette.routing import BaseRoute, Route
 
 from models.core.answer import Answer
 from models.core.ball_look import format_colour
+from models.core.corrections import NO_CORRECTIONS
 from models.core.errors import TruerollError
 from models.core.number_format import format_time
 from models.core.rally import Rally
@@ -187,7 +188,9 @@ class ShotHandlers:
     def _predict(self, shot: str, at: float | None, seconds: float) -> dict[str, Any]:
         opened = self._desk.open(shot)
         if isinstance(opened.saved, Rally):
-            path, answer = state_flight_prediction(opened.saved, seconds, at, opened.corrections)
+            path, answer = state_flight_prediction(
+                opened.saved, seconds, at, NO_CORRECTIONS if at is None else opened.corrections
+            )
             name = opened.saved.scene.sport.object.name
             return _describe_answer(answer) | {"paths": list_paths([name], path.t, path.xyz[:, None])}
         record = opened.record

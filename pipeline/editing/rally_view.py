@@ -12,6 +12,7 @@ from models.core.fit_result import is_undecided
 from models.core.number_format import format_probability, format_time
 from models.core.rally import Rally
 from models.estimation.rally.landing_judgement import judge_landing
+from models.estimation.rally.rally_marks import note_contradiction, resolve_marks
 from pipeline.editing.run_view import ComparedEvent, compare_event_rows, describe_frames
 from pipeline.reporting.text.rally_sentences import assess_rally_trust, format_landing, format_rally_event
 from pipeline.reporting.text.stroke_sentences import format_point
@@ -50,7 +51,7 @@ def describe_rally_run(
         "table": {"name": sport.name, "length": sport.length, "width": sport.width},
         "balls": [
             {"id": name, "name": name, "kind": name, "radius": RADIUS_PX, "colour": COLOUR, "path": [
-                [int(rally.frame[k]), *np.round(rally.px[k], 2).tolist(), int(rally.is_used[k])]
+                [int(rally.frame[k]), *np.round(rally.px[k], 2).tolist(), 1]  # detected, also where no flight has it
                 for k in np.flatnonzero(np.isfinite(rally.px[:, 0]))
             ]}
         ],
@@ -84,13 +85,17 @@ def _describe_events(rally: Rally) -> list[dict[str, Any]]:
 
 def _list_contradictions(rally: Rally, corrections: Corrections) -> list[dict[str, Any]]:
     """List where the flights contradict what was set by hand: a `text`, and the number of a contradicted event."""
+    own = [
+        (note_contradiction(mark, rally.events), number)
+        for number, one in enumerate(corrections.events)
+        for mark in resolve_marks([one], rally.frame, rally.t)
+    ]
     rows = []
     for note in (one for one in rally.notes if "-set-by-hand-" in one):
-        begins = []
-        for one in corrections.events:
-            t = np.interp(one.frame if one.to_frame is None else one.to_frame, rally.frame, rally.t)
-            begins.append(f"{one.event}-set-by-hand-at-{t:.2f}-s-")
-        number = next((k for k, begin in enumerate(begins) if note.startswith(begin)), None)
+        match = next((one for one in own if one[0] == note), None)
+        if match is not None:
+            own.remove(match)  # of marks with the same sentence, each has its own
+        number = None if match is None else match[1]
         rows.append({"text": f"{start_sentence(note.replace('-', ' '))}.", "contact": number})
     return rows
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -199,8 +199,8 @@ def _list_contradictions(run: ClipRun, corrections: Corrections) -> list[dict[st
 class ComparedEvent:
     """An event of a run, as two runs are compared."""
 
-    what: object
-    """What two events must have in common to be one."""
+    identity: Hashable
+    """Kind and bodies, or kind and player: what two events must have in common to be one."""
     t: float
     t_sigma: float
     probability: float
@@ -229,7 +229,7 @@ def compare_event_rows(before: Sequence[ComparedEvent], after: Sequence[Compared
     changes = []
     unmatched = list(before)
     for row in after:
-        same = [one for one in unmatched if one.what == row.what and abs(one.t - row.t) <= SAME_EVENT_S]
+        same = [one for one in unmatched if one.identity == row.identity and abs(one.t - row.t) <= SAME_EVENT_S]
         if not same:
             changes.append({"kind": "added", "text": row.text})
             continue

@@ -81,7 +81,13 @@ def read_corrections(clip: Path, digest: str = "") -> CorrectionsFile:
 
 
 def read_noted_corrections(folder: Path) -> Corrections:
-    """Read which corrections the run of a rally honoured, by the scene.json of its folder; none where it notes none."""
+    """Read which corrections the run of a rally honoured, by the scene.json of its folder; none where it notes none.
+
+    Raises:
+        OptionError: The file is malformed.
+    """
+    if not (folder / "scene.json").exists():
+        return NO_CORRECTIONS
     scene = read_json(folder / "scene.json", "A run folder has a scene.json")
     noted = scene.get("set_by_hand", {}) if isinstance(scene, dict) else {}
     try:

@@ -300,6 +300,22 @@ def test_the_sport_of_a_corrections_file_counts_before_a_run_too(courts: Home, t
     assert not (tmp_path / "out" / "report.html").exists()
 
 
+def test_what_was_set_for_a_sport_is_not_taken_for_it_without_the_sport(courts: Home, tmp_path: Path) -> None:
+    """Tables search for a table first, as a run does, even where the folder holds a rally; without marks, only once."""
+    clip, cache = film_noise(tmp_path / "rally.mp4"), ResultCache(tmp_path / "cache")
+    corners = [[10, 20], [300, 20], [300, 170], [10, 170]]
+    tables = []
+    for marks in ({"sport": "tennis"}, {"corners": corners}, {"corners": corners}, {}, {}):
+        corrections_path(clip).write_text(json.dumps({"schema": "trueroll.corrections/1", **marks}))
+        follower = QuietFollower()
+        _, rally, *_ = run_tables(clip, tmp_path / "out", RunOptions(), cache, follower)
+        assert isinstance(rally, Rally)
+        tables.append((rally.scene.sport.name, "calibrate" in follower.stages))
+    assert tables == [
+        ("tennis", False), ("badminton", True), ("badminton", True), ("badminton", True), ("badminton", False),
+    ]  # fmt: skip
+
+
 def test_a_check_grades_the_view_of_a_court(courts: Home, tmp_path: Path) -> None:
     still = tmp_path / "still.png"
     done = run_program("check", courts.clip, "-o", still, "--json")
@@ -338,7 +354,12 @@ def test_frames_between_the_frames_of_a_rally_leave_the_originals_as_they_are(co
 class QuietFollower:
     """Follows a batch and its clips without a word."""
 
+    def __init__(self) -> None:
+        self.stages: list[str] = []
+        """Names of the stages that were started."""
+
     def start_stage(self, stage: str) -> Progress:
+        self.stages.append(stage)
         return ignore_progress
 
     def finish_stage(self, stage: str, seconds: float, cached: bool) -> None: ...

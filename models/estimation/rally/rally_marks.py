@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.core.corrections import HAND_ODDS, HAND_TIME_FRAMES, TIME_FRAMES, BallMark, RallyCorrection
+from models.core.corrections import HAND_ODDS, HAND_TIME_FRAMES, TIME_FRAMES, BallMark, BallPlace, RallyCorrection
 from models.core.rally import BallCandidates, Rally, RallyEvent
-from models.core.typing import FloatArray, IntArray
+from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.rally.event_evidence import name_contact
 from models.estimation.rally.flight_observations import EventMark
 from models.estimation.rally.rally_building import build_hit
@@ -32,13 +32,10 @@ def correct_candidates(candidates: BallCandidates, marks: Sequence[BallMark]) ->
     """Apply the marks of places: the only candidate of its frame, or none near a place for a span of frames."""
     stays = np.ones(len(candidates), np.bool_)
     for mark in marks:
-        frame, at = candidates.frame, np.array([mark.ball.x_px, mark.ball.y_px])
         if mark.kind == "placed":
-            stays &= frame != mark.ball.frame
+            stays &= candidates.frame != mark.ball.frame
         else:
-            first, last = mark.first or 0, np.inf if mark.last is None else mark.last
-            is_near = np.linalg.norm(candidates.centre - at, axis=1) < FALSE_REACH_PX
-            stays &= ~(is_near & (frame >= first) & (frame <= last))
+            stays &= ~_are_false(mark, candidates.frame, candidates.centre)
     placed = [mark.ball for mark in marks if mark.kind == "placed"]
     sigma = np.full(len(placed), HAND_PLACE_PX)
     added = {
@@ -52,15 +49,33 @@ def correct_candidates(candidates: BallCandidates, marks: Sequence[BallMark]) ->
     return replace(candidates, **{name: column[order] for name, column in columns.items()})
 
 
+def _are_false(mark: BallMark, frame: IntArray, centre: FloatArray) -> BoolArray:
+    """Find which places (K, 2) px in frames (K,) are no object by a mark of what is none."""
+    first, last = mark.first or 0, np.inf if mark.last is None else mark.last
+    is_near = np.linalg.norm(centre - [mark.ball.x_px, mark.ball.y_px], axis=1) < FALSE_REACH_PX
+    return np.asarray(is_near & (frame >= first) & (frame <= last))
+
+
 def resolve_places(marks: Sequence[BallMark], frame: IntArray) -> tuple[BallMark, ...]:
-    """Move places that were marked in duplicate frames to the distinct frames (T,) that these show again."""
-    resolved = []
+    """Move places that were marked in duplicate frames to the distinct frames (T,) that these show again.
+
+    The last mark of a frame counts: a place is left out if a later one is in its frame, or says that it is no object.
+    """
+    resolved = list[BallMark]()
     for mark in marks:
         row = int(np.searchsorted(frame, mark.ball.frame, side="right")) - 1
         if mark.kind == "placed" and 0 <= row < len(frame) - 1:
             mark = replace(mark, ball=replace(mark.ball, frame=int(frame[row])))
+        resolved = [one for one in resolved if one.kind == "false" or not _overrules(mark, one.ball)]
         resolved.append(mark)
     return tuple(resolved)
+
+
+def _overrules(mark: BallMark, placed: BallPlace) -> bool:
+    """Find out whether a mark takes back a place that was put before."""
+    if mark.kind == "placed":
+        return mark.ball.frame == placed.frame
+    return bool(_are_false(mark, np.array([placed.frame]), np.array([[placed.x_px, placed.y_px]]))[0])
 
 
 def choose_placed(chosen: IntArray, candidates: BallCandidates, frame: IntArray, marks: Sequence[BallMark]) -> IntArray:
@@ -81,13 +96,11 @@ def resolve_marks(corrections: Sequence[RallyCorrection], frame: IntArray, t: Fl
     if len(t) < 2:
         return ()
     interval, mean = float(np.median(np.diff(t))), float((t[-1] - t[0]) / (frame[-1] - frame[0]))
-    for one in corrections:
-        moments = {"mark": [(one.frame, True)], "delete": [(one.frame, False)],
-                   "move": [(one.frame, False), (one.to_frame or 0.0, True)]}[one.kind]  # fmt: skip
-        for at, is_there in moments:
-            inside = min(max(at, frame[0]), frame[-1])
-            moment = float(np.interp(inside, frame, t)) + mean * float(at - inside)
-            marks.append(EventMark(one.event, moment, HAND_TIME_FRAMES * interval, TIME_FRAMES * interval, is_there))
+    sigma, reach = HAND_TIME_FRAMES * interval, TIME_FRAMES * interval
+    for one in (part for correction in corrections for part in correction.split_move()):
+        inside = min(max(one.frame, frame[0]), frame[-1])
+        moment = float(np.interp(inside, frame, t)) + mean * float(one.frame - inside)
+        marks.append(EventMark(one.event, moment, sigma, reach, one.kind == "mark"))
     return tuple(marks)
 
 
@@ -104,7 +117,7 @@ def find_contradicted(rally: Rally, marks: Sequence[EventMark]) -> list[EventMar
 
 def settle_marks(rally: Rally, places: Sequence[BallMark], marks: Sequence[EventMark]) -> Rally:
     """Give marked events the probability of what a person saw, leave out deleted ones, and note what fits no flight."""
-    events, notes = list(rally.events), list(rally.notes)
+    events = list(rally.events)
     for mark in marks:
         near = [k for k, one in enumerate(events) if one.kind == mark.kind and mark.is_near(one.t)]
         if not mark.is_there:
@@ -113,18 +126,28 @@ def settle_marks(rally: Rally, places: Sequence[BallMark], marks: Sequence[Event
             events = [one for k, one in enumerate(events) if k not in gone]
         elif near:
             k = min(near, key=lambda row: abs(events[row].t - mark.t))
-            p, off = events[k].probability, abs(events[k].t - mark.t)
+            p = events[k].probability
             events[k] = replace(events[k], probability=p * HAND_ODDS / (1 - p + p * HAND_ODDS))
-            if off > CONTRADICTION_SIGMAS * np.hypot(mark.sigma, events[k].t_sigma):
-                notes.append(f"{mark.kind}-set-by-hand-at-{mark.t:.2f}-s-flies-as-if-at-{events[k].t:.2f}-s")
         elif mark.kind == "hit" and (hit := _begin_flight(rally, mark)) is not None:
             events = sorted([*events, hit], key=lambda one: one.t)
-        else:
-            notes.append(f"{mark.kind}-set-by-hand-at-{mark.t:.2f}-s-fits-no-flight")
+    notes = [*rally.notes, *filter(None, (note_contradiction(mark, events) for mark in marks))]
     placed = [one.ball.frame for one in places if one.kind == "placed"]
     lost = [frame for frame in placed if not rally.is_used[rally.frame == frame].any()]
     notes += [f"place-set-by-hand-in-frame-{frame}-fits-no-flight" for frame in lost]
     return _settle_landings(replace(rally, events=tuple(events), notes=tuple(notes)), marks)
+
+
+def note_contradiction(mark: EventMark, events: Sequence[RallyEvent]) -> str:
+    """Note how the events of a rally contradict a marked one; empty where they do not."""
+    if not mark.is_there:
+        return ""
+    near = [one for one in events if one.kind == mark.kind and mark.is_near(one.t)]
+    if not near:
+        return f"{mark.kind}-set-by-hand-at-{mark.t:.2f}-s-fits-no-flight"
+    own = min(near, key=lambda one: abs(one.t - mark.t))
+    if abs(own.t - mark.t) <= CONTRADICTION_SIGMAS * np.hypot(mark.sigma, own.t_sigma):
+        return ""
+    return f"{mark.kind}-set-by-hand-at-{mark.t:.2f}-s-flies-as-if-at-{own.t:.2f}-s"
 
 
 def _begin_flight(rally: Rally, mark: EventMark) -> RallyEvent | None:

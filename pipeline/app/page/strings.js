@@ -289,6 +289,7 @@ export const text = {
     otherRate: "Another frame rate",
     rateExample: "30000/1001",
     findAgain: "Find the corners again",
+    cornersDropped: "The corners that were set by hand were of the other sport: the program finds those of the court again.",
   },
   correct: {
     preparing: "Preparing the frames for corrections",

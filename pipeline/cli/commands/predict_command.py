@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from models.core.answer import Answer
+from models.core.corrections import NO_CORRECTIONS
 from models.core.errors import OptionError
 from models.estimation.forecast.ensemble_prediction import ENSEMBLE_SIZE
 from pipeline.engine.atomic_write import parse_output_path
@@ -54,7 +55,8 @@ def predict(
     if holds_rally(place):
         from pipeline.actions.predict_rally import predict_rally  # slow to import
 
-        return predict_rally(read_rally(place), seconds, at, folder, read_noted_corrections(place))
+        corrections = NO_CORRECTIONS if at is None else read_noted_corrections(place)
+        return predict_rally(read_rally(place), seconds, at, folder, corrections)
     if is_particle_source(place):
         from pipeline.actions.particle_motion import predict_particles  # slow to import
 

@@ -16,6 +16,7 @@ from rerun.blueprint.encodings import TextLogColumn
 from models.core.court_camera import CourtCamera, rotation_matrix
 from models.core.number_format import format_probability, format_time
 from models.core.rally import BallCandidates, Rally
+from models.core.trajectory import CaptureClock
 from models.core.typing import FloatArray
 from models.estimation.rally.landing_judgement import judge_landing
 from models.estimation.rally.rally_views import evaluate_rally
@@ -59,17 +60,17 @@ def write_rally_recording(clip: Clip, rally: Rally, candidates: BallCandidates, 
         title: Name of the recording in the viewer.
     """
     stream = open_stream(clip.digest, title)
-    strokes = summarize_strokes(rally)
+    strokes, clock = summarize_strokes(rally), build_rally_clock(clip, rally)
     with replace_file(path) as fresh:
         stream.save(fresh, default_blueprint=build_rally_blueprint(clip, rally))
         _log_court(stream, rally)
         log_video(stream, clip, path.parent)
         _log_camera(stream, clip, rally)
-        _log_candidates(stream, clip, rally, candidates)
+        _log_candidates(stream, clip, clock, rally, candidates)
         for stroke in strokes:
-            _log_stroke(stream, clip, rally, stroke)
-        _log_object(stream, clip, rally)
-        _log_rally_events(stream, clip, rally)
+            _log_stroke(stream, clip, clock, rally, stroke)
+        _log_object(stream, clip, clock, rally)
+        _log_rally_events(stream, clip, clock, rally)
         about = rr.TextDocument(_format_about(rally), media_type=rr.MediaType.MARKDOWN)
         stream.log("about", about, static=True)
         finish_stream(stream, path)
@@ -168,12 +169,14 @@ def split_projection(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
     return upper / upper[2, 2], flip @ (q * signs).T
 
 
-def _build_columns(clip: Clip, rally: Rally, t: FloatArray) -> list[rr.TimeColumn]:
+def _build_columns(clip: Clip, clock: CaptureClock, t: FloatArray) -> list[rr.TimeColumn]:
     """Build both time columns for times t (K,) s at which something happened: when the clip shows it."""
-    return build_time_columns(build_rally_clock(clip, rally).presentation_time_at(t), clip)
+    return build_time_columns(clock.presentation_time_at(t), clip)
 
 
-def _log_candidates(stream: rr.RecordingStream, clip: Clip, rally: Rally, candidates: BallCandidates) -> None:
+def _log_candidates(
+    stream: rr.RecordingStream, clip: Clip, clock: CaptureClock, rally: Rally, candidates: BallCandidates
+) -> None:
     """Log the candidates with their scores, and the places to which the flights were fitted."""
     frames, counts = np.unique(candidates.frame, return_counts=True)
     if len(frames):
@@ -184,11 +187,11 @@ def _log_candidates(stream: rr.RecordingStream, clip: Clip, rally: Rally, candid
     used = np.isfinite(rally.px[:, 0]) & rally.is_used
     if used.any():
         points = rr.Points2D.columns(positions=rally.px[used], radii=np.full(int(used.sum()), 5.0))
-        stream.send_columns("picture/used", _build_columns(clip, rally, rally.t[used]), points)
+        stream.send_columns("picture/used", _build_columns(clip, clock, rally.t[used]), points)
     stream.log("picture/used", rr.Points2D.from_fields(colors=[*EVENT_COLOUR, 160]), static=True)
 
 
-def _log_stroke(stream: rr.RecordingStream, clip: Clip, rally: Rally, stroke: Stroke) -> None:
+def _log_stroke(stream: rr.RecordingStream, clip: Clip, clock: CaptureClock, rally: Rally, stroke: Stroke) -> None:
     """Log the path of a stroke from its hit on: in space, and in the video as the camera shows it then."""
     t = np.append(np.arange(stroke.hit.t, stroke.end, PATH_STEP_S), stroke.end)
     xyz = evaluate_rally(rally, t).xyz
@@ -204,7 +207,7 @@ def _log_stroke(stream: rr.RecordingStream, clip: Clip, rally: Rally, stroke: St
     entity = f"picture/flights/{name}"
     stream.log(entity, rr.LineStrips2D.from_fields(**look), static=True)
     if len(lines):
-        times = _build_columns(clip, rally, rally.t[rows])
+        times = _build_columns(clip, clock, rally.t[rows])
         stream.send_columns(entity, times, rr.LineStrips2D.columns(strips=lines))
         stream.set_time(VIDEO_TIME, duration=float(clip.times_of(frames[-1:])[0]) + PATH_STEP_S)
         stream.set_time("frame", sequence=int(frames[-1]) + 1)
@@ -212,7 +215,7 @@ def _log_stroke(stream: rr.RecordingStream, clip: Clip, rally: Rally, stroke: St
         stream.reset_time()
 
 
-def _log_object(stream: rr.RecordingStream, clip: Clip, rally: Rally) -> None:
+def _log_object(stream: rr.RecordingStream, clip: Clip, clock: CaptureClock, rally: Rally) -> None:
     """Log the object in space, its height and its speed at every frame; it vanishes where no flight is."""
     path, sport = evaluate_rally(rally, rally.t), rally.scene.sport
     there = np.isfinite(path.xyz[:, 0])
@@ -220,30 +223,30 @@ def _log_object(stream: rr.RecordingStream, clip: Clip, rally: Rally) -> None:
         return
     places = to_viewer(path.xyz[there], rally.scene.camera)
     points = rr.Points3D.columns(positions=places).partition(there.astype(np.int64))
-    stream.send_columns("court/object", _build_columns(clip, rally, rally.t), points)
+    stream.send_columns("court/object", _build_columns(clip, clock, rally.t), points)
     look = rr.Points3D.from_fields(colors=OBJECT_COLOUR, radii=DOT)
     stream.log("court/object", look, static=True)
     values = {"height": path.xyz[:, 2], "speed": np.linalg.norm(path.v, axis=1)}
     for what, column in values.items():
         entity = f"plots/{what}/{sport.object.name}"
         stream.log(entity, rr.SeriesLines(colors=EVENT_COLOUR, names=sport.object.name, widths=1.5), static=True)
-        times = _build_columns(clip, rally, rally.t)
+        times = _build_columns(clip, clock, rally.t)
         stream.send_columns(entity, times, rr.Scalars.columns(scalars=column))  # NaN interrupts the line
 
 
-def _log_rally_events(stream: rr.RecordingStream, clip: Clip, rally: Rally) -> None:
+def _log_rally_events(stream: rr.RecordingStream, clip: Clip, clock: CaptureClock, rally: Rally) -> None:
     """Log events as ellipsoids of two standard deviations, and as text."""
     name, camera = rally.scene.sport.object.name, rally.scene.camera
     if not rally.events:
         return
     t = np.array([one.t for one in rally.events])
-    shown = build_rally_clock(clip, rally).presentation_time_at(t).tolist()
+    shown = clock.presentation_time_at(t).tolist()
     words = [
         f"{format_time(at, one.t_sigma)}: {format_rally_event(one, name)} ({format_probability(one.probability)})"
         for at, one in zip(shown, rally.events, strict=True)
     ]
     columns = rr.TextLog.columns(text=words, level=["INFO"] * len(words))
-    stream.send_columns("log/events", _build_columns(clip, rally, t), columns)
+    stream.send_columns("log/events", _build_columns(clip, clock, t), columns)
     mirror = to_viewer(np.ones(3), camera)
     for k, event in enumerate(rally.events):
         values, axes = np.linalg.eigh(event.covariance * np.outer(mirror, mirror))

@@ -143,11 +143,25 @@ def test_a_shuttle_is_placed_or_is_none_and_a_corner_is_of_the_court(page: Rally
     (mark,) = page.wait_for(1).balls
     camera = page.rally.scene.camera
     assert (mark.kind, mark.ball.frame, mark.ball.x_px) == ("placed", 5, camera.width_px / 2 - 1)
+    page.show(5)
+    page.click("#place")
+    page.press(Keys.ARROW_UP, Keys.ENTER)
+    (again,) = page.wait_for(2).balls
+    assert (again.ball.frame, again.ball.x_px) == (5, camera.width_px / 2)
     corner = page.browser.find_element(By.CSS_SELECTOR, "[data-corner='0']")
     page.show(0)
     page.browser.execute_script("arguments[0].focus()", corner)
     page.press(Keys.ARROW_RIGHT)
-    corrected = page.wait_for(2)
+    corrected = page.wait_for(3)
     assert corrected.sport == "badminton"
     assert corrected.corners is not None
     assert len(corrected.corners) == 4
+    page.click("#by-hand li:nth-child(2) button")  # the sport, to which the corners belong
+    without = page.wait_for(4)
+    assert (without.sport, without.corners, len(without.balls)) == (None, None, 1)
+    page.click("#undo")
+    page.wait_for(5)
+    choose = "const s = document.getElementById('sport'); s.value = 'tennis'; s.dispatchEvent(new Event('change'))"
+    page.browser.execute_script(choose)
+    chosen = page.wait_for(6)
+    assert (chosen.sport, chosen.corners) == ("tennis", None)

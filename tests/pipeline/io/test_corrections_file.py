@@ -170,3 +170,10 @@ def test_corrections_are_said_in_phrases(sport: str | None, surface: str) -> Non
     assert corners == f"the corners of the {surface}"
     assert ("the sport, tennis" in others) == (sport == "tennis")
     assert others[-3:] == ["landing at frame 153.0", "hit at frame 49.0, not 47.5", "no touch of the net at frame 88.0"]
+
+
+def test_a_move_across_the_border_of_a_part_says_in_each_what_it_says_there() -> None:
+    marks = Corrections(events=(RallyCorrection("move", "hit", 30, 15), RallyCorrection("move", "net", 12, 14)))
+    first, second = marks.select_span(10, 20).events, marks.select_span(20, 40).events
+    assert first == (RallyCorrection("mark", "hit", 15), marks.events[1])
+    assert second == (RallyCorrection("delete", "hit", 30),)

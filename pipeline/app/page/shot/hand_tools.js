@@ -58,7 +58,10 @@ export function placeBall(shot) {
   const [x, y] = shot.desk.get().cross.map(round);
   const { frame } = shot;
   shot.desk.set(RESET);
-  shot.change((c) => add(c, "balls", { kind: "placed", ball: { frame, x_px: x, y_px: y } }));
+  shot.change((c) => {
+    if (shot.isRally) c.balls = c.balls?.filter((one) => one.kind !== "placed" || one.ball.frame !== frame); // there is one
+    add(c, "balls", { kind: "placed", ball: { frame, x_px: x, y_px: y } });
+  });
 }
 
 /** Go to a place where the explanation of the shot is least sure. */

@@ -93,6 +93,13 @@ export function setBall(run, corrections, kind, id, frame, name) {
   add(corrections, "tracks", { kind, ball: placeOf(run, id, frame), name });
 }
 
+/** Set the sport of a court, or with "" let the program recognise it; corners belong to the sport for which they were set. */
+export function setSport(corrections, sport) {
+  delete corrections.corners;
+  if (sport) corrections.sport = sport;
+  else delete corrections.sport;
+}
+
 /** Remove empty lists, which mean the same as none. */
 export function tidy(corrections) {
   for (const name of ["balls", "tracks", "contacts", "events"]) if (corrections[name] && !corrections[name].length) delete corrections[name];

@@ -1,5 +1,7 @@
 // Table, ball and frame rate of a clip, where the program recognised them wrongly.
 import { html, useState } from "../html.js";
+import { notify } from "../library_store.js";
+import { setSport } from "../shot/marks.js";
 import { useStore } from "../store.js";
 import { text } from "../strings.js";
 
@@ -29,11 +31,16 @@ export function SettingsFields({ shot }) {
     if (value === "" || value === null) delete c[key];
     else c[key] = value;
   }, onRefusal);
+  const chooseSport = (value) => {
+    shot.desk.set({ corners: null });
+    if (set.corners) notify(text.settings.cornersDropped);
+    shot.change((c) => setSport(c, value));
+  };
   const tables = doc.tables ?? [];
   const names = set.table && !tables.includes(set.table) ? [set.table, ...tables] : tables;
   const rates = set.fps && !RATES.includes(set.fps) ? [set.fps, ...RATES] : RATES;
   const select = (id, value, empty, options) => html`<select id=${id} value=${value}
-    onChange=${(event) => apply(id, event.target.value)}>
+    onChange=${(event) => (id === "sport" ? chooseSport(event.target.value) : apply(id, event.target.value))}>
     ${[["", empty], ...options.map((one) => [one, one])].map(([key, name]) => html`<option key=${key} value=${key}
       selected=${key === value}>${name}</option>`)}</select>`;
   const sports = doc.sports ?? [];

@@ -9,13 +9,14 @@ import pytest
 from support.simple_rallies import TrueRally, frames_of, observe_rally, play_rally, usual_view
 from support.staged_rally import FPS, stage_rally
 
-from models.core.corrections import BallMark, BallPlace, Corrections, RallyCorrection
+from models.core.corrections import BallMark, BallMarkKind, BallPlace, Corrections, RallyCorrection
 from models.core.court_camera import CourtScene
 from models.core.progress import ignore_progress
 from models.core.rally import BallCandidates, Rally
 from models.estimation.rally.explain_rally import explain_rally
 from models.estimation.rally.flight_observations import MARK_EVIDENCE, EventMark, weigh_marks
 from models.estimation.rally.rally_marks import (
+    choose_placed,
     correct_candidates,
     resolve_marks,
     resolve_places,
@@ -163,6 +164,37 @@ def test_a_clip_of_one_frame_has_no_marked_moment() -> None:
 
 
 def test_a_place_in_a_duplicate_frame_is_one_in_the_frame_that_it_shows_again() -> None:
-    marks = [BallMark("placed", BallPlace(frame, 3.0, 4.0)) for frame in (1, 2, 5, 9)]
+    marks = [BallMark("placed", BallPlace(frame, 3.0, 4.0)) for frame in (2, 5, 9)]
     frames = [one.ball.frame for one in resolve_places(marks, np.array([1, 3, 4, 6]))]
-    assert frames == [1, 1, 4, 9]  # after the last one, no frame is known
+    assert frames == [1, 4, 9]  # after the last one, no frame is known
+
+
+@pytest.mark.parametrize(
+    ("kinds", "left"),
+    [
+        (("placed", "placed"), [2]),
+        (("placed", "false"), []),
+        (("false", "placed"), [2]),
+        (("placed", "false", "placed"), [3]),
+    ],
+    ids=("again", "none", "after all", "and again"),
+)
+def test_the_last_correction_of_a_place_counts(kinds: tuple[BallMarkKind, ...], left: list[int]) -> None:
+    """Each mark lies one pixel beside the one before; the tracked candidate is within reach of all."""
+    frame = np.arange(9)
+    marks = [BallMark(kind, BallPlace(4, 50.0 + k + 1, 60.0)) for k, kind in enumerate(kinds)]
+    candidates = BallCandidates(
+        np.array([4, 6]), np.array([[50, 60], [90, 60.0]]), np.zeros((2, 2)), *np.full((3, 2), 0.5)
+    )
+    places = resolve_places(marks, frame)
+    corrected = correct_candidates(candidates, places)
+    assert (corrected.centre[corrected.frame == 4, 0] - 50).tolist() == left
+    chosen = choose_placed(np.array([-1] * 6 + [len(corrected) - 1, -1, -1]), corrected, frame, places)
+    assert chosen[4] == (0 if left else -1)
+    assert chosen[6] == len(corrected) - 1
+
+
+def test_a_place_beside_or_outside_of_the_span_of_what_is_none_stays() -> None:
+    placed = BallMark("placed", BallPlace(4, 50, 60))
+    for none in (BallMark("false", BallPlace(4, 59, 60)), BallMark("false", BallPlace(7, 50, 60), 5, 8)):
+        assert resolve_places([placed, none], np.arange(9)) == (placed, none)
