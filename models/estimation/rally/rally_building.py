@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import takewhile
+from math import prod
 
 import numpy as np
 from scipy.special import chdtri, ndtr
@@ -23,7 +25,7 @@ from models.numerics.statistics import correlation_factor, measure_lack_of_fit
 from models.physics.flight.flight_motion import PARAMETER_COUNT, fly, fly_flight
 
 # Steps of differences by the parameters of a camera: m, rad, logarithm of the focal length, k1.
-_CAMERA_STEPS = np.array([0.01, 0.01, 0.01, 1e-4, 1e-4, 1e-4, 1e-4, 1e-3])
+CAMERA_STEPS = np.array([0.01, 0.01, 0.01, 1e-4, 1e-4, 1e-4, 1e-4, 1e-3])
 # m above four standard deviations of the surface, up to which a hit may be a bounce.
 _LOW_HEIGHT = 0.1
 # Probability that residuals are this small by chance, from which a smaller error of places is believed.
@@ -56,12 +58,12 @@ def _estimate_covariance(
     structure, values, count = fit.structure, fit.values, len(fit.structure)
     rows_of = assign_times(sight.observed.t, structure, values)
     shifted = []
-    for j in range(len(_CAMERA_STEPS)):
+    for j in range(len(CAMERA_STEPS)):
         moved = camera.parameters.copy()
-        moved[j] += _CAMERA_STEPS[j]
+        moved[j] += CAMERA_STEPS[j]
         changed = replace(scene, camera=camera.replace_parameters(moved))
         shifted.append(observe_candidates(changed, candidates, frame, t, sight.chosen, sight.rows))
-    series, chi2, pull = [], [], np.zeros((len(values), len(_CAMERA_STEPS)))
+    series, chi2, pull = [], [], np.zeros((len(values), len(CAMERA_STEPS)))
     observed_information = np.zeros_like(fit.information)
     used = np.zeros(len(sight.rows), np.bool_)
     for k, rows in enumerate(rows_of):
@@ -84,7 +86,7 @@ def _estimate_covariance(
         for j, other in enumerate(shifted):
             change = (
                 compare_places(other.select(rows), path.states[:, :3])[0] * weight[:, None] - residual
-            ) / _CAMERA_STEPS[j]
+            ) / CAMERA_STEPS[j]
             pull[columns, j] += np.einsum("nip,ni,n->p", by, change, slope**2)
     free = min(6 * count, max(sum(2 * len(rows) for rows in rows_of) - 1, 0))
     moved_by = fit.covariance @ pull
@@ -278,6 +280,13 @@ def build_hit(flight: Flight, back: float, spread: float, probability: float, sp
         float(np.hypot(np.sqrt(along @ covariance[3:, 3:] @ along), slowing)),
         name_player(path.states[0, :3], sport),
     )
+
+
+def find_last_player(events: list[RallyEvent]) -> tuple[str, float]:
+    """Find who hit last, and the probability of it, from events of which the rules may allow one alone."""
+    hits = sorted((one for one in events if one.kind == "hit"), key=lambda one: -one.t)
+    own = list(takewhile(lambda one: one.player == hits[0].player, hits))
+    return (own[0].player, 1 - prod(1 - one.probability for one in own)) if own else ("", 0.0)
 
 
 def _drop_unknown_bounce(events: list[RallyEvent], sight: Sight, fit: RallyFit) -> list[RallyEvent]:
