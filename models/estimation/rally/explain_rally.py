@@ -124,8 +124,9 @@ def find_explanations(
     """
     sport = scene.sport
     chosen = choose_placed(associate_candidates(scene, candidates, frame, t), candidates, frame, places)
+    placed = t[np.isin(frame, [one.ball.frame for one in places if one.kind == "placed"])]
     progress(0.2)
-    sight = look_at_candidates(scene, candidates, frame, t, chosen, marks)
+    sight = look_at_candidates(scene, candidates, frame, t, chosen, marks, placed)
     px = stabilize_places(scene.camera, frame[sight.rows], candidates.centre[chosen[sight.rows]])
     hypotheses = segment_rally(sight.observed, px, sport, lambda share: progress(0.2 + 0.4 * share))
     fits: list[RallyFit] = []
@@ -147,7 +148,7 @@ def find_explanations(
     chosen = choose_candidates(scene, candidates, frame, t, sight.chosen, fits[0])
     chosen = choose_placed(chosen, candidates, frame, places)
     if (chosen != sight.chosen).any():
-        sight = look_at_candidates(scene, candidates, frame, t, chosen, marks)
+        sight = look_at_candidates(scene, candidates, frame, t, chosen, marks, placed)
         refined = (refine_fit(sight.observed, sport, fit.structure, fit.values) for fit in fits)
         fits = [fit for fit in refined if fit is not None] or fits
     fits = [_leave_out_unlikely(fit, sight, candidates, sport) for fit in _select_fits(fits, sight.observed)]

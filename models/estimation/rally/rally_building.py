@@ -68,11 +68,12 @@ def _estimate_covariance(
     used = np.zeros(len(sight.rows), np.bool_)
     for k, rows in enumerate(rows_of):
         part, start = flight_slice(k), values[start_row(k, count)]
-        path = fly(values[part], sight.observed.t[rows] - start, structure.turn_length(k, sport))
-        residual, by_place = compare_places(sight.observed.select(rows), path.states[:, :3])
+        observed = sight.observed.select(rows)
+        path = fly(values[part], observed.t - start, structure.turn_length(k, sport))
+        residual, by_place = compare_places(observed, path.states[:, :3])
         weight = weigh_by_law(by_place, path.states[:, :3], sport.object)
         residual, by_place = residual * weight[:, None], by_place * weight[:, None, None]
-        factor, slope = bound_residuals(residual, most=CLUTTER_COST)
+        factor, slope = bound_residuals(residual, most=observed.bound_clutter(CLUTTER_COST))
         bounded = residual * factor[:, None]
         used[rows] = (residual**2).sum(axis=1) < GATE**2
         series.append(bounded[(bounded**2).sum(axis=1) < CLUTTER_COST])  # the others more probably show another thing

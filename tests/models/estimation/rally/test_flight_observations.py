@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -34,6 +36,19 @@ def test_the_slope_of_a_bounded_residual_is_the_gradient_of_its_cost() -> None:
     factor, slope = bound_residuals(np.column_stack([sizes, 0 * sizes]), most=CLUTTER_COST)
     by_differences = (cost(sizes + step) - cost(sizes - step)) / (2 * step)
     assert 2 * sizes * factor * slope == pytest.approx(by_differences, rel=1e-4)
+
+
+def test_a_place_that_a_person_set_is_no_clutter() -> None:
+    """It costs and pulls as a place with the tails of a detector, while its neighbour does not."""
+    camera, t = usual_view(SPORT).camera, np.array([0.0, 0.04])
+    px = np.array([[600.0, 300.0], [610.0, 300.0]])
+    observed = prepare_observations(camera, np.arange(2), t, px, 0 * px, 0 * px + 2.0)
+    most = replace(observed, placed=t[:1]).select(slice(0, 2)).bound_clutter(CLUTTER_COST)
+    residual = np.array([[60.0, 0.0], [60.0, 0.0]])
+    factor, slope = bound_residuals(residual, most=most)
+    costs = ((residual * factor[:, None]) ** 2).sum(axis=1)
+    assert costs == pytest.approx([9 * np.log1p(400.0), 2 * CLUTTER_COST], abs=1e-4)
+    assert slope == pytest.approx([1 / (401 * factor[0]), 0.0], abs=1e-5)
 
 
 def fit_lift(false: np.ndarray) -> RallyFit:
