@@ -22,6 +22,8 @@ REST_PX, _REST_TIME = 3.0, 0.3
 # Natural logarithm of the density of clutter per standard deviation of a place: 1/(2 pi sigma^2) against an image. It
 # is the price of an observation that no flight explains, within the time of a flight or outside of it.
 CLUTTER_COST = 12.0
+# Bounded squares at which a flight and clutter explain a place equally well: costs are twice logarithms of evidence.
+EVEN_SQUARES = 2 * (CLUTTER_COST - float(np.log(2)))
 # Natural logarithm of the evidence of what a person marked: no explanation without it may win.
 MARK_EVIDENCE = 1000.0
 

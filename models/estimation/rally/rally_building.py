@@ -16,7 +16,13 @@ from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.rally.event_chances import LOW_HIT, UNSEEN_START
 from models.estimation.rally.event_evidence import name_contact, turns_over
 from models.estimation.rally.flight_fit import RallyFit, assign_times, flight_slice, start_row
-from models.estimation.rally.flight_observations import CLUTTER_COST, bound_residuals, compare_places, weigh_by_law
+from models.estimation.rally.flight_observations import (
+    CLUTTER_COST,
+    EVEN_SQUARES,
+    bound_residuals,
+    compare_places,
+    weigh_by_law,
+)
 from models.estimation.rally.guided_association import GATE, Sight, observe_candidates
 from models.estimation.rally.landing_hypotheses import find_landing, predict_landing
 from models.estimation.rally.rally_views import is_on_surface
@@ -76,7 +82,9 @@ def _estimate_covariance(
         factor, slope = bound_residuals(residual, most=observed.bound_clutter(CLUTTER_COST))
         bounded = residual * factor[:, None]
         used[rows] = (residual**2).sum(axis=1) < GATE**2
-        series.append(bounded[(bounded**2).sum(axis=1) < CLUTTER_COST])  # the others more probably show another thing
+        # the others more probably show another thing, and leave gaps: neighbours stay neighbours
+        is_flight = (bounded**2).sum(axis=1, keepdims=True) < EVEN_SQUARES
+        series.append(np.where(is_flight, bounded, np.nan))
         freedom = 2 * int(used[rows].sum()) - 6
         chi2.append(float((bounded[used[rows]] ** 2).sum()) / freedom if freedom > 0 else float("nan"))
         by = np.concatenate([by_place @ path.derivatives[:, :3], -by_place @ path.states[:, 3:, None]], axis=2)
@@ -102,13 +110,13 @@ def estimate_error_scale(series: list[FloatArray], free: int) -> float:
     close by chance. A factor below 1 is the largest that the residuals do not contradict.
 
     Args:
-        series: Bounded residuals (K, 2) of each flight, standard deviations, in the order of time.
+        series: Bounded residuals (K, 2) of each flight, standard deviations, in the order of time; NaN for no residual.
         free: Number of fitted parameters.
     """
     per_freedom, _ = measure_lack_of_fit(series, free)
     if not np.isfinite(per_freedom):
         return 1.0
-    freedom = sum(one.size for one in series) - free
+    freedom = sum(int(np.isfinite(one).sum()) for one in series) - free
     largest = per_freedom * freedom / float(chdtri(freedom, 1 - _CHANCE))
     return max(per_freedom, min(1.0, largest)) * correlation_factor(series)
 
