@@ -19,7 +19,7 @@ from models.estimation.rally.event_chances import SLIP
 from models.estimation.rally.event_evidence import HIT_RATE
 from models.estimation.rally.flight_observations import REST_PX, EventMark
 from models.estimation.rally.rally_building import CAMERA_STEPS, find_last_player, weigh_looks
-from models.estimation.rally.rally_marks import CONTRADICTION_SIGMAS, FALSE_REACH_PX
+from models.estimation.rally.rally_marks import FALSE_REACH_PX
 from models.estimation.rally.rally_views import evaluate_rally, is_on_surface
 
 # px by which gravity would at least bend a flight as long as a roll, so that it cannot be one: twice the width of the
@@ -74,14 +74,13 @@ def _is_even(rally: Rally, rows: IntArray, places: FloatArray) -> bool:
 def _is_roll(rally: Rally, rows: IntArray, places: FloatArray) -> bool:
     """Return whether an even path is of a ball that rolls: slow, and seen for longer than a flight stays straight."""
     duration = float(rally.t[rows[-1]] - rally.t[rows[0]])
-    way, camera = float(np.linalg.norm(places[-1] - places[0])), rally.scene.camera
-    upright = camera.to_pixels(places[[0, 0]] + [[0.0, 0.0, 0.0], [0.0, 0.0, 0.1]], rally.frame[rows[[0, 0]]])
-    bend = GRAVITY * float(np.linalg.norm(upright[1] - upright[0])) / 0.1 * duration**2 / 8
+    way = float(np.linalg.norm(places[-1] - places[0]))
+    bend = GRAVITY * _scale_at(rally, int(rows[0]), places[0]) * duration**2 / 8
     return bend >= _LEAST_BEND and _LEAST_WAY <= way <= _FASTEST * duration
 
 
 def _locate(rally: Rally, row: int) -> tuple[FloatArray, FloatArray]:
-    """Locate what a frame shows on the table: its place (3,), m, and the covariance (3, 3), m^2, with the camera's."""
+    """Locate what a frame shows on the table: place (3,), m, and covariance (3, 3), m^2, the camera's included."""
     camera, frame, radius = rally.scene.camera, rally.frame[[row]], rally.scene.sport.object.radius
     place = camera.to_court(rally.px[[row]], radius, frame)[0]
     sigma = float(rally.px_sigma[row].max())
@@ -98,8 +97,8 @@ def end_at_roll(
     """End a rally where the ball begins to roll on the table after its last flight: nobody returns such a ball.
 
     Flights from there on and hits that begin them are left out, and the roll is the landing: the ball touches the table
-    there, or before. Between the last flight and the roll somebody may have hit the ball unseen, or rolled another one;
-    the probability falls with that time as that of no hit in it.
+    there, or before. Somebody may have hit the ball unseen before it rolls, or rolled another one; its probability falls
+    with the time without sight as that of no hit in it.
 
     Args:
         rally: The rally.
@@ -120,11 +119,12 @@ def end_at_roll(
         not kept
         or not any(one.kind == "hit" for one in events)  # it may roll before the service, too
         or any(one.kind == "hit" and one.t > rally.t[rows[-1]] for one in rally.events)
-        or not _leads_to(replace(rally, flights=kept), begin, place, covariance, speed)
+        or np.exp(-HIT_RATE * (begin - kept[-1].end)) < _LEAST_CHANCE  # it was picked up, or is another one
+        or not _leads_to(replace(rally, flights=kept), int(rows[0]), speed)
     ):
         return rally
     chance = (1 - SLIP) * weigh_looks(_find_scores(rally, candidates, rows))
-    chance *= float(np.exp(-HIT_RATE * max(begin - interval - kept[-1].end, 0.0)))
+    chance *= float(np.exp(-HIT_RATE * _sum_unseen(rally, kept[-1].end, begin)))
     if chance < _LEAST_CHANCE:
         return rally
     rolling = LandingHypothesis(chance, begin, interval, place, covariance, is_seen=True, is_rolling=True)
@@ -152,18 +152,32 @@ def _is_denied(rally: Rally, rows: IntArray, places: Sequence[BallMark], marks: 
     return False
 
 
-def _leads_to(rally: Rally, begin: float, place: FloatArray, covariance: FloatArray, speed: float) -> bool:
-    """Return whether the last flight leads to the place (3,), m, and the time, s, where a roll begins.
+def _leads_to(rally: Rally, row: int, speed: float) -> bool:
+    """Return whether the last flight ends, in the frames, as near as the ball can come to where a roll begins.
 
-    In between the ball goes no faster than it flew or rolls, and than it falls meanwhile.
+    In between the ball goes no faster than it flew or rolls, and than it falls meanwhile. Its depth may be poorly known
+    where a flight is short, and does not count.
     """
-    end = rally.flights[-1].end
-    path = evaluate_rally(rally, np.array([end]))
-    gap = max(begin - end, 0.0)
-    v = float(np.linalg.norm(path.v[0]))
-    reach = (max(v, speed) + GRAVITY * gap / 2) * gap
-    sigma = float(np.sqrt(np.linalg.eigvalsh(path.covariance[0] + covariance)[-1]))
-    return float(np.linalg.norm(path.xyz[0] - place)) < reach + CONTRADICTION_SIGMAS * sigma
+    end, begin = rally.flights[-1].end, float(rally.t[row])
+    path, gap = evaluate_rally(rally, np.array([end])), max(begin - end, 0.0)
+    reach = (max(float(np.linalg.norm(path.v[0])), speed) + GRAVITY * gap / 2) * gap
+    place = _locate(rally, row)[0]
+    off = rally.scene.camera.to_pixels(path.xyz, rally.frame[[row]])[0] - rally.px[row]
+    return float(np.linalg.norm(off)) < reach * _scale_at(rally, row, place) + 2 * REST_PX
+
+
+def _scale_at(rally: Rally, row: int, place: FloatArray) -> float:
+    """Measure the px that a metre upwards takes in a frame at a place (3,), m."""
+    above = place + np.array([0.0, 0.0, 0.1])
+    upright = rally.scene.camera.to_pixels(np.stack([place, above]), rally.frame[[row, row]])
+    return float(np.linalg.norm(upright[1] - upright[0])) / 0.1
+
+
+def _sum_unseen(rally: Rally, end: float, begin: float) -> float:
+    """Sum the time, s, between the end of a flight and the begin of a roll in which frames do not show the ball."""
+    t, interval = rally.t[np.isfinite(rally.px[:, 0])], float(np.median(np.diff(rally.t)))
+    t = np.concatenate([[end], t[(t > end) & (t < begin)], [begin]])
+    return float(np.maximum(np.diff(t) - 1.5 * interval, 0.0).sum()) if begin > end else 0.0
 
 
 def _is_before(rally: Rally, flight: Flight, t: float) -> bool:
