@@ -97,8 +97,8 @@ def end_at_roll(
     """End a rally where the ball begins to roll on the table after its last flight: nobody returns such a ball.
 
     Flights from there on and hits that begin them are left out, and the roll is the landing: the ball touches the table
-    there, or before. Somebody may have hit the ball unseen before it rolls, or rolled another one; its probability falls
-    with the time without sight as that of no hit in it.
+    there, or before. Somebody may have hit the ball unseen before it rolls, or rolled another one: the probability
+    falls with the time without sight as that of no hit in it.
 
     Args:
         rally: The rally.

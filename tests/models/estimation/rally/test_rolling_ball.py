@@ -11,6 +11,7 @@ from support.staged_rally import FPS, stage_rally
 
 from models.core.constants import GRAVITY
 from models.core.corrections import BallMark, BallPlace
+from models.core.errors import OptionError
 from models.core.rally import BallCandidates, Rally
 from models.core.typing import FloatArray
 from models.estimation.rally.flight_observations import EventMark
@@ -18,6 +19,7 @@ from models.estimation.rally.landing_judgement import judge_landing
 from models.estimation.rally.point_judgement import judge_point
 from models.estimation.rally.rolling_ball import end_at_roll, find_last_roll
 from models.sports.sport_catalogue import find_sports
+from pipeline.actions.predict_rally import state_flight_prediction
 from pipeline.reporting.text.stroke_sentences import format_point
 
 TABLE_TENNIS = find_sports()["table-tennis"]
@@ -207,6 +209,13 @@ def test_the_place_of_a_roll_is_as_uncertain_as_the_camera() -> None:
     moved = replace(rally, scene=replace(rally.scene, camera=replace(camera, covariance=spread)))
     own, shared = (end_at_roll(one, list_candidates(rally, 0.9)).landings[0].covariance for one in (sure, moved))
     np.testing.assert_allclose((shared - own)[:2, :2], [[0.01, 0], [0, 0]], atol=1e-4)
+
+
+def test_a_prediction_from_a_roll_says_that_nothing_flies() -> None:
+    rally = stage_roll()
+    ended = end_at_roll(rally, list_candidates(rally, 0.9))
+    with pytest.raises(OptionError, match="nothing flies: from .* on the ball rolls on the left half"):
+        state_flight_prediction(ended, 1.0, None)
 
 
 def test_the_probability_of_a_point_contains_that_of_the_last_player_who_hit() -> None:
