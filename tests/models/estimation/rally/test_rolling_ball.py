@@ -214,7 +214,7 @@ def test_the_place_of_a_roll_is_as_uncertain_as_the_camera() -> None:
 def test_a_prediction_from_a_roll_says_that_nothing_flies() -> None:
     rally = stage_roll()
     ended = end_at_roll(rally, list_candidates(rally, 0.9))
-    with pytest.raises(OptionError, match="nothing flies: from .* on the ball rolls on the left half"):
+    with pytest.raises(OptionError, match=r"nothing flies: from .* on the ball rolls on the left half"):
         state_flight_prediction(ended, 1.0, None)
 
 
