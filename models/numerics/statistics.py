@@ -165,17 +165,18 @@ def measure_lack_of_fit(series: list[FloatArray], free: int) -> tuple[float, flo
     """Measure by how much residuals exceed their nominal errors.
 
     Args:
-        series: Residuals (K, d) of each body in standard deviations, bounded by a robust loss, in the order of time.
+        series: Residuals (K, d) of each body in standard deviations, bounded by a robust loss, in the order of time;
+            NaN for no residual.
         free: Number of fitted parameters.
 
     Returns:
         chi2 per degree of freedom, and the factor on variances that it and correlations in time require, at least 1;
         NaN and 1 without a degree of freedom.
     """
-    count = sum(one.size for one in series)
+    count = sum(int(np.isfinite(one).sum()) for one in series)
     if count <= free:
         return float("nan"), 1.0
-    chi2 = sum(float((one**2).sum()) for one in series) / (count - free)
+    chi2 = sum(float(np.nansum(one**2)) for one in series) / (count - free)
     return chi2, max(1.0, chi2 * correlation_factor(series))
 
 
@@ -186,7 +187,7 @@ def correlation_factor(series: list[FloatArray]) -> float:
     pair is negative (Geyer 1992, initial positive sequence, doi:10.1214/ss/1177011137).
 
     Args:
-        series: Residuals (K, d) of each body, in the order of time.
+        series: Residuals (K, d) of each body, in the order of time; NaN for no residual.
 
     Returns:
         Variance factor with respect to independent residuals.
@@ -206,6 +207,6 @@ def correlation_factor(series: list[FloatArray]) -> float:
 
 def _mean_autocovariance(series: list[FloatArray], lag: int) -> float:
     """Average the products of residuals that are `lag` apart, over all series."""
-    products = [float((one[lag:] * one[: len(one) - lag]).sum()) for one in series if len(one) > lag]
-    count = sum(one[lag:].size for one in series if len(one) > lag)
-    return sum(products) / count if count else 0.0
+    products = [one[lag:] * one[: len(one) - lag] for one in series if len(one) > lag]
+    count = sum(int(np.isfinite(one).sum()) for one in products)
+    return sum(float(np.nansum(one)) for one in products) / count if count else 0.0

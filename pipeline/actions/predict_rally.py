@@ -14,6 +14,7 @@ from models.core.number_format import format_moment, format_with_sigma
 from models.core.progress import ignore_progress
 from models.core.rally import BallCandidates, Rally
 from models.estimation.rally.landing_judgement import judge_landing
+from models.estimation.rally.point_judgement import name_half
 from models.estimation.rally.rally_views import PlacesInSpace, continue_flight
 from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.io.csv_tables import SHOT_NUMBER, Columns, write_columns
@@ -42,7 +43,7 @@ def predict_rally(
         Where it would land unless somebody returns it, with the difference from what was seen later.
 
     Raises:
-        OptionError: The time is outside of what was seen, or no flight is known there.
+        OptionError: The time is outside of what was seen, no flight is known there, or the object rolls.
     """
     require_writable_folder(folder)
     path, answer = state_flight_prediction(rally, seconds, at, corrections)
@@ -72,8 +73,15 @@ def state_flight_prediction(
     past = rally if t == last else explain_past(rally, t, corrections)
     if not past.flights:
         raise OptionError(f"is a time at which a flight is known; {t:g} s is none, a later one may be", option="at")
-    path = _continue_from(past, t, seconds)
     name, call = rally.scene.sport.object.name, judge_landing(past)
+    if call.landing is not None and call.landing.is_rolling and call.landing.t <= t:
+        begin = format_moment(call.landing.t)
+        raise OptionError(
+            f"is a time at which nothing flies: from {begin} on the {name} rolls on the {name_half(past, call.landing)}"
+            " half of the table; choose an earlier one",
+            option="at",
+        )
+    path = _continue_from(past, t, seconds)
     words = format_landing(call, past)
     until = min((one.t for one in rally.events if one.t > t), default=np.inf)  # what comes then was not foreseen
     later = own[(rally.t[own] > t + 1e-9) & (rally.t[own] <= min(path.t[-1], until))]

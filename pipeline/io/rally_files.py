@@ -178,7 +178,8 @@ def describe_rally(clip: Clip, rally: Rally) -> dict[str, Any]:
         "flights": [_describe_flight(one) for one in rally.flights],
         "landings": [
             {"probability": one.weight, "t": float(clock.presentation_time_at(np.array(one.t))),
-             "t_sigma": one.t_sigma, "place": one.place, "covariance": one.covariance, "is_seen": one.is_seen}
+             "t_sigma": one.t_sigma, "place": one.place, "covariance": one.covariance, "is_seen": one.is_seen,
+             "is_rolling": one.is_rolling}
             for one in rally.landings
         ],
         "no_landing": rally.no_landing,

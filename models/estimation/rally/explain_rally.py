@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise, takewhile
-from math import prod
+from itertools import pairwise
 
 import numpy as np
 
@@ -34,7 +33,7 @@ from models.estimation.rally.image_association import associate_candidates
 from models.estimation.rally.initial_flights import align_flights
 from models.estimation.rally.landing_hypotheses import merge_landings
 from models.estimation.rally.play_order import judge_order, locate_event
-from models.estimation.rally.rally_building import build_rally, weigh_flights
+from models.estimation.rally.rally_building import build_rally, find_last_player, weigh_flights
 from models.estimation.rally.rally_clock import estimate_capture_times, is_uneven
 from models.estimation.rally.rally_marks import (
     choose_placed,
@@ -97,7 +96,7 @@ def explain_rally(
     if lost := find_contradicted(rally, marks):  # it must not cost what is right
         others = tuple(mark for mark in marks if mark not in lost)
         rally = combine_explanations(find_explanations(scene, candidates, frame, t, progress, places, others))
-    return settle_marks(end_at_roll(rally, candidates), places, marks)
+    return settle_marks(end_at_roll(rally, candidates, places, marks), places, marks)
 
 
 def find_explanations(
@@ -125,8 +124,9 @@ def find_explanations(
     """
     sport = scene.sport
     chosen = choose_placed(associate_candidates(scene, candidates, frame, t), candidates, frame, places)
+    placed = t[np.isin(frame, [one.ball.frame for one in places if one.kind == "placed"])]
     progress(0.2)
-    sight = look_at_candidates(scene, candidates, frame, t, chosen, marks)
+    sight = look_at_candidates(scene, candidates, frame, t, chosen, marks, placed)
     px = stabilize_places(scene.camera, frame[sight.rows], candidates.centre[chosen[sight.rows]])
     hypotheses = segment_rally(sight.observed, px, sport, lambda share: progress(0.2 + 0.4 * share))
     fits: list[RallyFit] = []
@@ -148,7 +148,7 @@ def find_explanations(
     chosen = choose_candidates(scene, candidates, frame, t, sight.chosen, fits[0])
     chosen = choose_placed(chosen, candidates, frame, places)
     if (chosen != sight.chosen).any():
-        sight = look_at_candidates(scene, candidates, frame, t, chosen, marks)
+        sight = look_at_candidates(scene, candidates, frame, t, chosen, marks, placed)
         refined = (refine_fit(sight.observed, sport, fit.structure, fit.values) for fit in fits)
         fits = [fit for fit in refined if fit is not None] or fits
     fits = [_leave_out_unlikely(fit, sight, candidates, sport) for fit in _select_fits(fits, sight.observed)]
@@ -241,17 +241,10 @@ def combine_explanations(explanations: RallyExplanations, share: float = EVIDENC
             landing = replace(landing, weight=landing.weight * trusted)
         pairs.append((float(weight), landing))
     landings, nothing = merge_landings(pairs)
-    last_player = _find_last_player(events)
+    last_player = find_last_player(events)
     events = lower_by_rules(best, events)
     events = [event for event in events if event.probability >= _LEAST_EVENT]
     return replace(best, events=tuple(events), landings=landings, no_landing=nothing, last_player=last_player)
-
-
-def _find_last_player(events: list[RallyEvent]) -> tuple[str, float]:
-    """Find who hit last, and the probability of it, from events of which the rules may allow one alone."""
-    hits = sorted((one for one in events if one.kind == "hit"), key=lambda one: -one.t)
-    own = list(takewhile(lambda one: one.player == hits[0].player, hits))
-    return (own[0].player, 1 - prod(1 - one.probability for one in own)) if own else ("", 0.0)
 
 
 def lower_by_rules(rally: Rally, events: list[RallyEvent]) -> list[RallyEvent]:

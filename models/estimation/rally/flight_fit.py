@@ -323,7 +323,7 @@ class _Problem:
         weight = weigh_by_law(by_place, path.states[:-1, :3], self.sport.object)
         self.normalizer += 2 * float(np.log(weight).sum())
         residual, by_place = residual * weight[:, None], by_place * weight[:, None, None]
-        factor, slope = bound_residuals(residual, most=self.most)
+        factor, slope = bound_residuals(residual, most=observed.bound_clutter(self.most))
         by = (by_place @ path.derivatives[:-1, :3]) * slope[:, None, None]
         by_start = -np.einsum("nij,nj->ni", by_place, path.states[:-1, 3:]) * slope[:, None]
         columns = np.append(np.arange(part.start, part.stop), start_row(k, len(self.structure)))

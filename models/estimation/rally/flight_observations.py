@@ -22,6 +22,8 @@ REST_PX, _REST_TIME = 3.0, 0.3
 # Natural logarithm of the density of clutter per standard deviation of a place: 1/(2 pi sigma^2) against an image. It
 # is the price of an observation that no flight explains, within the time of a flight or outside of it.
 CLUTTER_COST = 12.0
+# Bounded squares at which a flight and clutter explain a place equally well: costs are twice logarithms of evidence.
+EVEN_SQUARES = 2 * (CLUTTER_COST - float(np.log(2)))
 # Natural logarithm of the evidence of what a person marked: no explanation without it may win.
 MARK_EVIDENCE = 1000.0
 
@@ -67,6 +69,12 @@ class FlightObservations:
     players: FloatArray = field(default_factory=lambda: np.empty((0, 7)))
     """(P, 7) people on the court: s; left, top, right and bottom, px; x and y of their feet, m."""
     marks: tuple[EventMark, ...] = ()
+    placed: FloatArray = field(default_factory=lambda: np.empty(0))
+    """(H,) s, times of the places that a person set: they show no other thing."""
+
+    def bound_clutter(self, most: float) -> FloatArray:
+        """Bound (N,) what an observation costs as another thing; without bound where a person set the place."""
+        return np.where(np.isin(self.t, self.placed), np.inf, most)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -168,23 +176,22 @@ def weigh_by_law(by_place: FloatArray, xyz: FloatArray, item: FlyingObject) -> F
 
 
 def bound_residuals(
-    residual: FloatArray, scale: float = ROBUST_SCALE, most: float = np.inf
+    residual: FloatArray, scale: float = ROBUST_SCALE, most: FloatArray | float = np.inf
 ) -> tuple[FloatArray, FloatArray]:
     """Bound the pull of outliers.
 
     Args:
         residual: (N, 2) standard deviations.
         scale: Standard deviations from which they pull less.
-        most: Natural logarithm of the evidence that one costs at most: as another thing, it costs no more and does not
-            pull (a mixture of two densities).
+        most: (N,) natural logarithm of the evidence that one costs at most: as another thing, it costs no
+            more and does not pull (a mixture of two densities).
 
     Returns:
         Factors (N,) on the residuals, whose squares then add to the robust cost, and factors (N,) on their derivatives.
     """
     square = np.maximum((residual**2).sum(axis=1), 1e-12) / scale**2
-    cost, share = scale**2 * np.log1p(square), np.ones(len(square))
-    if np.isfinite(most):
-        other = np.logaddexp(0.0, cost / 2 - most)
-        cost, share = np.maximum(cost - 2 * (other - np.logaddexp(0.0, -most)), 1e-12), np.exp(-other)
+    cost = scale**2 * np.log1p(square)
+    other = np.logaddexp(0.0, cost / 2 - most)
+    cost, share = np.maximum(cost - 2 * (other - np.logaddexp(0.0, -np.asarray(most))), 1e-12), np.exp(-other)
     factor = np.sqrt(cost / square) / scale
     return factor, share / ((1 + square) * factor)

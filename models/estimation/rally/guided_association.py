@@ -47,13 +47,18 @@ def look_at_candidates(
     t: FloatArray,
     chosen: IntArray,
     marks: tuple[EventMark, ...] = (),
+    placed: FloatArray | None = None,
 ) -> Sight:
-    """Collect the observations of the chosen candidates (T,), -1 for none, of frames (T,) at times (T,), s."""
+    """Collect the observations of the chosen candidates (T,), -1 for none, of frames (T,) at times (T,), s.
+
+    `placed` (H,), s, are the times of the places that a person set.
+    """
     rows = np.flatnonzero(chosen >= 0)
     observed = observe_candidates(scene, candidates, frame, t, chosen, rows)
     players = _locate_players(scene, candidates.players, frame, t)
     resting = find_rests(stabilize_places(scene.camera, frame[rows], candidates.centre[chosen[rows]]), t[rows])
-    return Sight(chosen, rows, replace(observed, players=players, is_resting=resting, marks=marks))
+    by_hand = np.empty(0) if placed is None else placed
+    return Sight(chosen, rows, replace(observed, players=players, is_resting=resting, marks=marks, placed=by_hand))
 
 
 def _locate_players(scene: CourtScene, boxes: FloatArray, frame: IntArray, t: FloatArray) -> FloatArray:

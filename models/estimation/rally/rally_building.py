@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import takewhile
+from math import prod
 
 import numpy as np
 from scipy.special import chdtri, ndtr
@@ -14,7 +16,13 @@ from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.rally.event_chances import LOW_HIT, UNSEEN_START
 from models.estimation.rally.event_evidence import name_contact, turns_over
 from models.estimation.rally.flight_fit import RallyFit, assign_times, flight_slice, start_row
-from models.estimation.rally.flight_observations import CLUTTER_COST, bound_residuals, compare_places, weigh_by_law
+from models.estimation.rally.flight_observations import (
+    CLUTTER_COST,
+    EVEN_SQUARES,
+    bound_residuals,
+    compare_places,
+    weigh_by_law,
+)
 from models.estimation.rally.guided_association import GATE, Sight, observe_candidates
 from models.estimation.rally.landing_hypotheses import find_landing, predict_landing
 from models.estimation.rally.rally_views import is_on_surface
@@ -23,7 +31,7 @@ from models.numerics.statistics import correlation_factor, measure_lack_of_fit
 from models.physics.flight.flight_motion import PARAMETER_COUNT, fly, fly_flight
 
 # Steps of differences by the parameters of a camera: m, rad, logarithm of the focal length, k1.
-_CAMERA_STEPS = np.array([0.01, 0.01, 0.01, 1e-4, 1e-4, 1e-4, 1e-4, 1e-3])
+CAMERA_STEPS = np.array([0.01, 0.01, 0.01, 1e-4, 1e-4, 1e-4, 1e-4, 1e-3])
 # m above four standard deviations of the surface, up to which a hit may be a bounce.
 _LOW_HEIGHT = 0.1
 # Probability that residuals are this small by chance, from which a smaller error of places is believed.
@@ -56,24 +64,27 @@ def _estimate_covariance(
     structure, values, count = fit.structure, fit.values, len(fit.structure)
     rows_of = assign_times(sight.observed.t, structure, values)
     shifted = []
-    for j in range(len(_CAMERA_STEPS)):
+    for j in range(len(CAMERA_STEPS)):
         moved = camera.parameters.copy()
-        moved[j] += _CAMERA_STEPS[j]
+        moved[j] += CAMERA_STEPS[j]
         changed = replace(scene, camera=camera.replace_parameters(moved))
         shifted.append(observe_candidates(changed, candidates, frame, t, sight.chosen, sight.rows))
-    series, chi2, pull = [], [], np.zeros((len(values), len(_CAMERA_STEPS)))
+    series, chi2, pull = [], [], np.zeros((len(values), len(CAMERA_STEPS)))
     observed_information = np.zeros_like(fit.information)
     used = np.zeros(len(sight.rows), np.bool_)
     for k, rows in enumerate(rows_of):
         part, start = flight_slice(k), values[start_row(k, count)]
-        path = fly(values[part], sight.observed.t[rows] - start, structure.turn_length(k, sport))
-        residual, by_place = compare_places(sight.observed.select(rows), path.states[:, :3])
+        observed = sight.observed.select(rows)
+        path = fly(values[part], observed.t - start, structure.turn_length(k, sport))
+        residual, by_place = compare_places(observed, path.states[:, :3])
         weight = weigh_by_law(by_place, path.states[:, :3], sport.object)
         residual, by_place = residual * weight[:, None], by_place * weight[:, None, None]
-        factor, slope = bound_residuals(residual, most=CLUTTER_COST)
+        factor, slope = bound_residuals(residual, most=observed.bound_clutter(CLUTTER_COST))
         bounded = residual * factor[:, None]
         used[rows] = (residual**2).sum(axis=1) < GATE**2
-        series.append(bounded[(bounded**2).sum(axis=1) < CLUTTER_COST])  # the others more probably show another thing
+        # the others more probably show another thing, and leave gaps: neighbours stay neighbours
+        is_flight = (bounded**2).sum(axis=1, keepdims=True) < EVEN_SQUARES
+        series.append(np.where(is_flight, bounded, np.nan))
         freedom = 2 * int(used[rows].sum()) - 6
         chi2.append(float((bounded[used[rows]] ** 2).sum()) / freedom if freedom > 0 else float("nan"))
         by = np.concatenate([by_place @ path.derivatives[:, :3], -by_place @ path.states[:, 3:, None]], axis=2)
@@ -84,7 +95,7 @@ def _estimate_covariance(
         for j, other in enumerate(shifted):
             change = (
                 compare_places(other.select(rows), path.states[:, :3])[0] * weight[:, None] - residual
-            ) / _CAMERA_STEPS[j]
+            ) / CAMERA_STEPS[j]
             pull[columns, j] += np.einsum("nip,ni,n->p", by, change, slope**2)
     free = min(6 * count, max(sum(2 * len(rows) for rows in rows_of) - 1, 0))
     moved_by = fit.covariance @ pull
@@ -99,13 +110,13 @@ def estimate_error_scale(series: list[FloatArray], free: int) -> float:
     close by chance. A factor below 1 is the largest that the residuals do not contradict.
 
     Args:
-        series: Bounded residuals (K, 2) of each flight, standard deviations, in the order of time.
+        series: Bounded residuals (K, 2) of each flight, standard deviations, in the order of time; NaN for no residual.
         free: Number of fitted parameters.
     """
     per_freedom, _ = measure_lack_of_fit(series, free)
     if not np.isfinite(per_freedom):
         return 1.0
-    freedom = sum(one.size for one in series) - free
+    freedom = sum(int(np.isfinite(one).sum()) for one in series) - free
     largest = per_freedom * freedom / float(chdtri(freedom, 1 - _CHANCE))
     return max(per_freedom, min(1.0, largest)) * correlation_factor(series)
 
@@ -278,6 +289,13 @@ def build_hit(flight: Flight, back: float, spread: float, probability: float, sp
         float(np.hypot(np.sqrt(along @ covariance[3:, 3:] @ along), slowing)),
         name_player(path.states[0, :3], sport),
     )
+
+
+def find_last_player(events: list[RallyEvent]) -> tuple[str, float]:
+    """Find who hit last, and the probability of it, from events of which the rules may allow one alone."""
+    hits = sorted((one for one in events if one.kind == "hit"), key=lambda one: -one.t)
+    own = list(takewhile(lambda one: one.player == hits[0].player, hits))
+    return (own[0].player, 1 - prod(1 - one.probability for one in own)) if own else ("", 0.0)
 
 
 def _drop_unknown_bounce(events: list[RallyEvent], sight: Sight, fit: RallyFit) -> list[RallyEvent]:

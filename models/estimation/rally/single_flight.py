@@ -147,7 +147,7 @@ def fit_single_flight(
         residual, by_place = compare_places(observed, path.states[:, :3])
         weight = weigh_by_law(by_place, path.states[:, :3], sport.object)
         residual, by_place = residual * weight[:, None], by_place * weight[:, None, None]
-        factor, slope = bound_residuals(residual, scale, most)
+        factor, slope = bound_residuals(residual, scale, observed.bound_clutter(most))
         below = np.minimum(path.states[:, 2] - sport.object.radius - sport.floor, 0.0) / _FLOOR_SOFTNESS
         rows = np.concatenate([(residual * factor[:, None]).ravel(), (p - prior.mean) / prior.sigma, below])
         by_parameters = (by_place @ path.derivatives[:, :3]) * slope[:, None, None]

@@ -127,7 +127,7 @@ def format_landing(call: LandingCall, rally: Rally) -> LandingWords:
         text = f"{start_sentence(verdict)}: no landing of the {name} is known."
         return LandingWords(question, verdict, "", text, "", _format_advice(call, name))
     margin = format_margin(call)
-    would = "rolled" if call.landing.is_rolling else "landed" if call.landing.is_seen else "would have landed"
+    would = "began to roll" if call.landing.is_rolling else "landed" if call.landing.is_seen else "would have landed"
     when = format_time(call.landing.t, call.landing.t_sigma)
     speed = f", at {format_flight_speed(call.speed, call.speed_sigma)}" if math.isfinite(call.speed) else ""
     text = f"{head}: at {when} the {name} {would} {margin}{speed}."
@@ -150,6 +150,7 @@ def describe_landing_call(call: LandingCall, rally: Rally) -> dict[str, Any]:
         "covariance": None if landing is None else landing.covariance,
         "t": None if landing is None else landing.t, "t_sigma": None if landing is None else landing.t_sigma,
         "is_seen": None if landing is None else landing.is_seen,
+        "is_rolling": None if landing is None else landing.is_rolling,
         "frames": list(call.frames) if call.frames[0] >= 0 else None, "reason": call.reason,
         "sentence": words.sentence, "advice": words.advice or None,
     }  # fmt: skip
