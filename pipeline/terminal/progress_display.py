@@ -14,19 +14,19 @@ from rich.progress import Progress as Bars
 from models.core.progress import Progress
 from models.numerics.jit import notify_first_compilation
 
-# s between two lines of progress where they are kept, as in a file.
+# s between two lines about a search where they are kept, as in a file: a diagnosis of a minute leaves a few of them.
 LINE_INTERVAL_S = 10.0
 
 
 class StageDisplay:
-    """A watcher that draws a bar per stage on a terminal, or else prints a line now and then, as a context manager."""
+    """A watcher that draws a progress bar per stage on a terminal, as a context manager."""
 
     def __init__(self, console: Console, title: str = "") -> None:
         note = TextColumn("{task.fields[note]}")
         columns = TextColumn("{task.description:<12}"), BarColumn(), note, TimeElapsedColumn()
         self._bars = Bars(*columns, console=console, disable=not console.is_terminal)
         self._tasks: dict[str, TaskID] = {}
-        self._title, self._printed = title, time.monotonic()
+        self._title = title
 
     def __enter__(self) -> StageDisplay:
         self._bars.start()
@@ -52,16 +52,7 @@ class StageDisplay:
         """Add the bar of a stage; the result moves it."""
         task = self._bars.add_task(stage, total=1.0, note="")
         self._tasks[stage] = task
-
-        def progress(share: float) -> None:
-            self._bars.update(task, completed=share)
-            if not self._bars.console.is_terminal and time.monotonic() - self._printed >= LINE_INTERVAL_S:
-                self._printed = time.monotonic()
-                lead = f"{self._title}: " if self._title else ""
-                self._bars.console.print(f"{lead}{stage}, {share:.0%}", markup=False, soft_wrap=True)
-
-        progress(0.0)
-        return progress
+        return lambda share: self._bars.update(task, completed=share)
 
     def finish_stage(self, stage: str, seconds: float, cached: bool) -> None:
         """Complete the bar of a stage with its time."""

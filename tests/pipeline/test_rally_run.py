@@ -225,7 +225,6 @@ def test_the_height_over_the_net_has_an_error(courts: Home) -> None:
         (("call", "net", "--singles"), "got 'net --singles'"),
         (("predict", "--at", "99"), "--at must lie within what was seen, 0.500"),
         (("what-if",), "holds a rally of badminton"),
-        (("edit", "--no-browser"), "holds a rally, which the page does not correct; write what is wrong into"),
         (("put-back",), "rally"),
         (("compare",), "rally"),
         (("fit-table",), "rally"),
