@@ -128,11 +128,21 @@ def _try_steps(simulator: FunctionSimulator, states: FloatArray) -> FunctionSimu
         takes_columns = _is_same(simulator.step(states.T, *columns), np.transpose(alone))
     except (Exception, SystemExit):  # single states will do
         takes_columns = False
-    joints = _measure_inertias(simulator, states) if simulator.takes_forces else simulator.joints
+    usable = states[[_can_step(simulator, one) for one in states]]
+    joints = _measure_inertias(simulator, usable) if simulator.takes_forces else simulator.joints
     lag = simulator.velocity_lag
-    if not simulator.states_lag and _moves_by_new_velocities(simulator, states):
+    if not simulator.states_lag and _moves_by_new_velocities(simulator, usable):
         lag = simulator.time_step / 2
     return simulator.copy(joints=joints, takes_columns=takes_columns, velocity_lag=lag)
+
+
+def _can_step(simulator: FunctionSimulator, state: FloatArray) -> bool:
+    """Return whether a function can go one step from a state (2N,)."""
+    try:
+        after = simulator.step(state, np.zeros(len(simulator.inputs)), np.zeros(len(simulator.joints)))
+    except (Exception, SystemExit):  # what it cannot simulate is left out later, and said
+        return False
+    return bool(np.isfinite(after).all())
 
 
 def _moves_by_new_velocities(simulator: FunctionSimulator, states: FloatArray) -> bool:
