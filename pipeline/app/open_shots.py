@@ -122,7 +122,7 @@ class OpenShot:
     def run(self) -> ClipRun | CourtRun:
         """The values of the run that the page needs."""
         fps = 0.0
-        with suppress(OptionError, AttributeError, TypeError, ValueError):  # the saved shot is enough to be shown
+        with suppress(OptionError, KeyError, TypeError, ValueError):  # the saved shot is enough to be shown
             fps = float(read_json(self.folder / "scene.json", "A run folder has a scene.json")["fps"])
         if isinstance(self.saved, Rally):
             return CourtRun(fps, self.saved, hash_tables(self.folder))

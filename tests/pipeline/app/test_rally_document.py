@@ -129,7 +129,7 @@ def test_a_prediction_honours_what_was_corrected_until_then(
     assert (status, "notes corrections that cannot be used" in refusal["error"]) == (422, True)
 
 
-@pytest.mark.parametrize("scene", [None, "{", "[]", '{"fps": [], "set_by_hand": {"events": 7}}'])
+@pytest.mark.parametrize("scene", [None, "{", "[]", "{}", '{"fps": [], "set_by_hand": {"events": 7}}'])
 def test_a_rally_without_a_usable_scene_file_is_shown_and_predicted(
     scene: str | None, rally_page: tuple[Visitor, Path], tmp_path: Path
 ) -> None:
