@@ -39,12 +39,13 @@ from pipeline.reporting.pages.gap_page import write_gap_page
 from pipeline.reporting.text.gap_sentences import format_verdict
 from pipeline.reporting.text.text_formatting import format_error
 from pipeline.simulator_diagnosis import describe_coefficients, diagnose_mechanism, pair_with_pooltool
-from pipeline.terminal.progress_display import LINE_INTERVAL_S, show_activity
+from pipeline.terminal.progress_display import show_activity
 
 # CIE 1976 colour difference below which two cloths are regarded as the same: half the difference of a green and a blue
 # cloth, and more than changes of the light cause.
 MAX_CLOTH_DISTANCE = 15.0
-
+# Least time between two lines about the search in a file, s: a diagnosis of a minute leaves a few of them.
+_LOG_INTERVAL_S = 10.0
 
 # Name, length, width and ball radius (m) of a table.
 TableSize = tuple[str, float, float, float]
@@ -207,7 +208,7 @@ def show_search_progress(console: Console, title: str = "") -> Iterator[Progress
         A function that is called with the activity, the effects that are tried, and the outlook of the search.
     """
     begun = time.monotonic()
-    with show_activity(console, title, least_interval=LINE_INTERVAL_S) as show:
+    with show_activity(console, title, least_interval=_LOG_INTERVAL_S) as show:
 
         def update(activity: str, names: tuple[str, ...], outlook: SearchOutlook) -> None:
             effects = f": {' and '.join(map(format_cause, names))}" if names else ""

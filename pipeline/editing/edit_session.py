@@ -14,6 +14,7 @@ from typing import Any, Literal
 from models.core.corrections import Corrections
 from models.core.naming import Naming
 from models.core.progress import Progress
+from models.core.rally import Rally
 from models.estimation.hand_marks.resolved_marks import update_ball_names
 from pipeline.chain import find_report_tables, hash_tables, run_clip, run_tables
 from pipeline.editing.edited_clip import EditedClip
@@ -274,7 +275,7 @@ class EditSession:
         tables = hash_tables(folder)
         publishes = not tables or revision != self._first_revision
         values = run_tables(path, folder, options, self._cache, watcher, shot, publishes)
-        kind = CourtRun if len(values) == 3 else ClipRun
+        kind = CourtRun if isinstance(values[1], Rally) else ClipRun
         run: ClipRun | CourtRun = kind(float(values[0].fps), *values[1:])
         differs = not publishes and run.tables != tables
         self._notice = format_recomputed(str(folder), watcher.ran) if differs else ""

@@ -14,9 +14,6 @@ from rich.progress import Progress as Bars
 from models.core.progress import Progress
 from models.numerics.jit import notify_first_compilation
 
-# s between two lines about a search where they are kept, as in a file: a diagnosis of a minute leaves a few of them.
-LINE_INTERVAL_S = 10.0
-
 
 class StageDisplay:
     """A watcher that draws a progress bar per stage on a terminal, as a context manager."""

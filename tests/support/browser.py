@@ -47,6 +47,12 @@ def wait_on(browser: webdriver.Chrome) -> WebDriverWait[webdriver.Chrome]:
     return WebDriverWait(browser, HANG_S)
 
 
+def show_frame(browser: webdriver.Chrome, row: int) -> None:
+    """Move the slider of a shot to a row of its frames."""
+    script = "const s = document.getElementById('slider'); s.value = arguments[0]; s.dispatchEvent(new Event('input'))"
+    browser.execute_script(script, row)
+
+
 def console_messages(browser: webdriver.Chrome) -> list[str]:
     """Return the warnings and errors of the browser console."""
     return [line["message"] for line in browser.get_log("browser") if line["level"] in ("WARNING", "SEVERE")]

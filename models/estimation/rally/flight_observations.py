@@ -183,8 +183,8 @@ def bound_residuals(
     Args:
         residual: (N, 2) standard deviations.
         scale: Standard deviations from which they pull less.
-        most: (N,) natural logarithm of the evidence that one costs at most: as another thing, it costs no
-            more and does not pull (a mixture of two densities).
+        most: (N,) largest loss of evidence, as a natural logarithm, by one place. A place that would lose more shows
+            another thing, and does not pull (a mixture of two densities). Its squares reach twice as much.
 
     Returns:
         Factors (N,) on the residuals, whose squares then add to the robust cost, and factors (N,) on their derivatives.

@@ -30,7 +30,8 @@ _KINK_SIGMAS, _KINK_COST = 1.2, 5.0
 _UNSEEN_TIME = 0.25
 # Gravities of acceleration within a flight, seen from any side, and s in which they may change as much.
 _KINK_GRAVITIES, _BEND_TIME = 2.0, 0.1
-# chi2 per observation from which a stretch is no flight, and longer ones are not tried: half of it is clutter.
+# chi2 per observation from which a stretch is no flight, and longer ones are not tried: a place that is clutter costs
+# twice `CLUTTER_COST`, so that half of them are.
 _HOPELESS = CLUTTER_COST
 # Best sequences that are kept at every flight.
 _BEST = 4

@@ -14,7 +14,7 @@ import inspect
 import pkgutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import redirect_stdout
+from contextlib import redirect_stdout, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -122,50 +122,44 @@ def _try_steps(simulator: FunctionSimulator, states: FloatArray) -> FunctionSimu
         expected = f"(state of {states.shape[1]} numbers, {inputs} inputs, dt{force}) -> state"
         name = f"{simulator.module}:{simulator.function}"
         raise OptionError(f"{name} was called as {expected}; it failed: {_format_reason(error)}") from error
+    ends = np.full(states.shape, np.nan)
+    ends[0] = after
+    for state, end in zip(states[1:], ends[1:], strict=True):
+        with suppress(Exception, SystemExit):  # what it cannot simulate is left out later, and said
+            end[:] = simulator.step(state, *nothing)
     try:
-        alone = [simulator.step(one, *nothing) for one in states]
         columns = [np.zeros((len(one), len(states))) for one in nothing]
-        takes_columns = _is_same(simulator.step(states.T, *columns), np.transpose(alone))
+        takes_columns = _is_same(simulator.step(states.T, *columns), ends.T)
     except (Exception, SystemExit):  # single states will do
         takes_columns = False
-    usable = states[[_can_step(simulator, one) for one in states]]
-    joints = _measure_inertias(simulator, usable) if simulator.takes_forces else simulator.joints
+    usable = np.isfinite(ends).all(axis=1)
+    states, ends = states[usable], ends[usable]
+    joints = _measure_inertias(simulator, states, ends) if simulator.takes_forces else simulator.joints
+    velocity, moved = ends[:, count:], ends[:, :count] - states[:, :count]
     lag = simulator.velocity_lag
-    if not simulator.states_lag and _moves_by_new_velocities(simulator, usable):
+    # where nothing accelerates, old and new velocities are the same
+    moves_by_new = (velocity != states[:, count:]).any() and _is_same(moved, simulator.time_step * velocity)
+    if moves_by_new and not simulator.states_lag:
         lag = simulator.time_step / 2
     return simulator.copy(joints=joints, takes_columns=takes_columns, velocity_lag=lag)
 
 
-def _can_step(simulator: FunctionSimulator, state: FloatArray) -> bool:
-    """Return whether a function can go one step from a state (2N,)."""
-    try:
-        after = simulator.step(state, np.zeros(len(simulator.inputs)), np.zeros(len(simulator.joints)))
-    except (Exception, SystemExit):  # what it cannot simulate is left out later, and said
-        return False
-    return bool(np.isfinite(after).all())
+def _measure_inertias(simulator: FunctionSimulator, states: FloatArray, ends: FloatArray) -> tuple[Joint, ...]:
+    """Return the joints with their inertias: a unit force over the mean acceleration that it adds.
 
-
-def _moves_by_new_velocities(simulator: FunctionSimulator, states: FloatArray) -> bool:
-    """Return whether a step moves every position by the new velocity, from states (C, 2N)."""
-    count, nothing = len(simulator.joints), (np.zeros(len(simulator.inputs)), np.zeros(len(simulator.joints)))
-    after = np.array([simulator.step(one, *nothing) for one in states])
-    velocity, moved = after[:, count:], after[:, :count] - states[:, :count]
-    # where nothing accelerates, old and new velocities are the same
-    return (velocity != states[:, count:]).any() and _is_same(moved, simulator.time_step * velocity)
-
-
-def _measure_inertias(simulator: FunctionSimulator, states: FloatArray) -> tuple[Joint, ...]:
-    """Return the joints with their inertias: a unit force over the mean acceleration that it adds in states (C, 2N).
+    Args:
+        simulator: The function.
+        states: (C, 2N)
+        ends: (C, 2N) states after a step without a force.
 
     Raises:
         OptionError: A force accelerates its own joint not at all, or backwards.
     """
     count, given = len(simulator.joints), np.zeros(len(simulator.inputs))
     added = np.zeros(count)
-    for state in states:
-        rest = simulator.step(state, given, np.zeros(count))
+    for state, end in zip(states, ends, strict=True):
         for k, force in enumerate(np.eye(count)):
-            added[k] += (simulator.step(state, given, force) - rest)[count + k]
+            added[k] += (simulator.step(state, given, force) - end)[count + k]
     accelerations = added / len(states) / simulator.time_step
     for joint, one in zip(simulator.joints, accelerations, strict=True):
         if not one > 0:  # also where it is not a number

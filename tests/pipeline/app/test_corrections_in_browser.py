@@ -11,7 +11,7 @@ from selenium import webdriver
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from support.app_servers import serve_synthetic_shot, wait_for_corrections
-from support.browser import accessibility_violations, console_messages, open_chromium, wait_on
+from support.browser import accessibility_violations, console_messages, open_chromium, show_frame, wait_on
 
 from models.core.corrections import BallPlace, ContactCorrection, Corrections
 from models.core.fit_result import MarkOutcome
@@ -52,10 +52,7 @@ class ShotPage:
         webdriver.ActionChains(self.browser).send_keys(*keys).perform()
 
     def show(self, frame: int) -> None:
-        script = (
-            "const s = document.getElementById('slider'); s.value = arguments[0]; s.dispatchEvent(new Event('input'))"
-        )
-        self.browser.execute_script(script, frame)
+        show_frame(self.browser, frame)
 
     def read(self) -> CorrectionsFile:
         return read_corrections(self.clip)

@@ -13,7 +13,7 @@ from selenium import webdriver
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from support.app_servers import serve_app, wait_for_corrections
-from support.browser import accessibility_violations, console_messages, open_chromium, wait_on
+from support.browser import accessibility_violations, console_messages, open_chromium, show_frame, wait_on
 from support.filmed_rally import film_rally
 
 import pipeline.editing.edit_session as edit_session
@@ -48,10 +48,7 @@ class RallyPage:
         webdriver.ActionChains(self.browser).send_keys(*keys).perform()
 
     def show(self, row: int) -> None:
-        script = (
-            "const s = document.getElementById('slider'); s.value = arguments[0]; s.dispatchEvent(new Event('input'))"
-        )
-        self.browser.execute_script(script, row)
+        show_frame(self.browser, row)
 
     def wait_for(self, revision: int) -> Corrections:
         """Wait until a revision of the corrections is in the file and shown."""

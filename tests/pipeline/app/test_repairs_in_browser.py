@@ -15,7 +15,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import Select
 from support.app_servers import serve_app, wait_for_corrections
-from support.browser import console_messages, open_chromium, wait_on
+from support.browser import console_messages, open_chromium, show_frame, wait_on
 from support.planted_mistakes import (
     FALSE_PLACE,
     LOST_FRAME,
@@ -54,10 +54,7 @@ class Editor:
 
     def show(self, frame: int) -> None:
         """Show a frame, which is no repair."""
-        self.browser.execute_script(
-            "const s = document.getElementById('slider'); s.value = arguments[0]; s.dispatchEvent(new Event('input'))",
-            frame,
-        )
+        show_frame(self.browser, frame)
 
     def click(self, css: str, text: str = "") -> None:
         """Click the last button with a text."""
