@@ -174,18 +174,18 @@ def design_detecting_experiment(
         return ""
     name = min(missed, key=lambda one: missed[one])
     if name == "saturation":  # of usual strength it ends just below the largest input
-        return "This answer needs no more recordings. To test saturation, give larger inputs than these."
+        return "This answer stands as it is. To look for saturation too, record larger inputs than these."
     for more in _REPETITIONS:
         shots = range(len(shot_information.shots))
         left = [over_typical(_add_repetitions(shot_information, k, more), name) for k in shots]
         if min(left) <= 1:
             like = _describe_shot(residuals, int(shot_information.shots[int(np.argmin(left))]))
             return (
-                f"This answer needs no more recordings. These shots would not have shown {format_cause(name)} of usual"
-                f" strength; {more} more shot{'s' if more > 1 else ''} like {like} would."
+                f"This answer stands as it is. To look for {format_cause(name)} too, which these shots would not have"
+                f" shown at usual strength, record {more} more shot{'s' if more > 1 else ''} like {like}."
             )
     return (
-        f"This answer needs no more recordings. To test {format_cause(name)} of usual strength, record much slower and"
+        f"This answer stands as it is. To look for {format_cause(name)} of usual strength too, record much slower and"
         " much faster motion, and for longer; more shots like these would not reveal it."
     )
 

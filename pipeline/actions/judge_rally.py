@@ -21,6 +21,7 @@ from models.estimation.rally.stroke_summary import find_service
 from pipeline.actions.answer_call import open_run_clip
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.reporting.text.rally_sentences import describe_landing_call, format_crossing, format_landing
+from pipeline.reporting.text.stroke_sentences import format_point
 from video.io.clip import Clip
 
 QUESTIONS = ("landing", "net")
@@ -99,6 +100,7 @@ def state_rally_call(
 def _answer_landing(rally: Rally, call: LandingCall) -> Answer:
     """Answer where a rally landed."""
     words = format_landing(call, rally)
+    winner = "" if call.area == SERVICE_BOX else format_point(rally, call).headline
     quantities = [
         Quantity("distance", 100 * call.distance, 100 * call.distance_sigma, "cm"),
         Quantity("speed", call.speed, call.speed_sigma, "m/s"),
@@ -108,7 +110,7 @@ def _answer_landing(rally: Rally, call: LandingCall) -> Answer:
         quantities += [Quantity("xyz"[k], float(call.landing.place[k]), float(sigma[k]), "m") for k in range(2)]
         quantities.append(Quantity("time", call.landing.t, call.landing.t_sigma, "s"))
     return Answer(
-        words.question, tuple(filter(None, (words.sentence, words.advice))), words.verdict,
+        words.question, tuple(filter(None, (winner, words.sentence, words.advice))), words.verdict,
         max(call.probability, call.out_probability), tuple(one for one in quantities if math.isfinite(one.value)),
         document={"question": "landing", "asked": words.question, **describe_landing_call(call, rally)},
     )  # fmt: skip

@@ -23,6 +23,7 @@ from pipeline.engine.result_cache import CacheEntry
 from pipeline.engine.stage_graph import StageGraph
 from pipeline.reporting.text.rally_sentences import format_landing
 from pipeline.reporting.text.shot_summary import MIN_PROBABILITY
+from pipeline.reporting.text.stroke_sentences import format_point
 from pipeline.reporting.text.text_formatting import format_event, format_event_time
 from video.drawing.masks import SHIFT, draw_ring, to_fixed_point
 from video.drawing.palette import FLASH
@@ -121,5 +122,6 @@ def list_first_events(fit: Fit) -> list[str]:
 
 
 def describe_rally_landing(rally: Rally) -> str:
-    """Describe where the last flight of a rally landed."""
-    return format_landing(judge_landing(rally), rally).sentence
+    """Describe who won the last point of a rally, and where its last flight landed."""
+    call = judge_landing(rally)
+    return f"{format_point(rally, call).headline} {format_landing(call, rally).sentence}"

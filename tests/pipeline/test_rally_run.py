@@ -202,11 +202,13 @@ def test_the_saved_rally_reads_back_equal(courts: Home) -> None:
 def test_an_umpire_is_told_where_it_landed(courts: Home, tmp_path: Path) -> None:
     answer = trueroll.call(courts.out, "landing", out=tmp_path)
     assert answer.verdict == "in"
+    assert answer.sentences[0] == "The near player won the last point: the shuttle was in."
     assert answer["distance"].value == pytest.approx(40, abs=0.5)
     assert answer["distance"].sigma == pytest.approx(3, abs=0.1)
     assert [Path(figure).is_file() for figure in answer.figures] == [True]
     box = run_program("call", courts.out, "landing", "--service-box", "-o", tmp_path, "--json")
     assert json.loads(box.out)["area"] == "service-box"
+    assert "won the last point" not in box.out, "a service in its box may have been returned"
     assert trueroll.call(courts.out, "landing", "doubles", out=tmp_path).verdict == "in"
 
 

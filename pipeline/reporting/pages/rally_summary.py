@@ -11,6 +11,7 @@ from pipeline.io.strict_json import write_json
 from pipeline.reporting.pages.page_template import embed_image_file
 from pipeline.reporting.pages.run_report import SUMMARY_FILE, THUMBNAIL_PX, THUMBNAIL_QUALITY, ReportFiles
 from pipeline.reporting.text.rally_sentences import assess_rally_trust, format_landing
+from pipeline.reporting.text.stroke_sentences import format_point
 from pipeline.reporting.text.text_formatting import summarize_trust
 from video.io.clip import Clip
 
@@ -29,12 +30,14 @@ def write_rally_summary(clip: Clip, rally: Rally, files: ReportFiles, folder: Pa
 
 def summarize_rally(clip: Clip, rally: Rally) -> dict[str, Any]:
     """Summarize a rally in a few numbers, words and calls, as JSON values."""
-    kinds, words = [one.kind for one in rally.events], format_landing(judge_landing(rally), rally)
+    kinds, call = [one.kind for one in rally.events], judge_landing(rally)
+    words = format_landing(call, rally)
     return {
         "begins": round(float(clip.t[0]), 3), "ends": round(float(clip.t[-1]), 3), "sport": rally.scene.sport.name,
         "balls": [rally.scene.sport.object.name],
         **{f"{kind}_count": kinds.count(kind) for kind in ("hit", "bounce", "net", "landing")},
-        "trust": summarize_trust(assess_rally_trust(rally)), "sentences": [words.sentence],
+        "trust": summarize_trust(assess_rally_trust(rally)),
+        "sentences": [format_point(rally, call).headline, words.sentence],
         "calls": [{"topic": "landing", "question": words.question, "answer": words.verdict,
                    "probability": words.probability}],
     }  # fmt: skip

@@ -246,6 +246,8 @@ def format_share(share: float) -> str:
     """
     if share < -1:
         return "below -100 %"
+    if 0 < share <= 0.0005:
+        return "less than 0.05 %"
     return f"{100 * share:.1f} %" if 0.95 < share < 0.9995 or 0.0005 < abs(share) < 0.05 else f"{100 * share:.0f} %"
 
 
@@ -271,7 +273,7 @@ def format_unexplained(report: DiagnosisReport) -> tuple[str, ...]:
         certainty = f", with a probability of {format_probability(rest.probability)}"
     if math.isfinite(rest.share) and rest.size > 0:
         before, after, floor = (format_error_size(one, metric) for one in _list_errors(report))
-        share, left = ("All", "it") if rest.share >= 1 else (format_share(rest.share), "the rest")
+        share, left = ("All", "it") if rest.share >= 1 else (format_share(rest.share).capitalize(), "the rest")
         sentences.append(
             f"{share} of the gap (in squared errors) remains: the rms error goes from {before} to"
             f" {after}, where {floor} is attainable. No effect that trueroll knows explains {left}, which is more"

@@ -63,11 +63,9 @@ def test_the_shots_that_are_asked_for_show_the_effect(
     sentence = design_detecting_experiment(
         problem, linearized.shot_information, residuals, fit.free, usual, ("air_drag",), 1.0
     )
-    assert sentence.startswith("This answer needs no more recordings."), (
-        "the sentence states that these recordings are optional"
-    )
+    assert sentence.startswith("This answer stands as it is."), "the sentence states that these recordings are optional"
     words = sentence.split()
-    more, shot = int(words[words.index("more", words.index("strength;")) - 1]), int(words[words.index("shot") + 1])
+    more, shot = int(words[words.index("more", words.index("record")) - 1]), int(words[words.index("shot") + 1])
     number = [segment.shot for segment in fit.segments].index(shot)
     copies = tuple(replace(fit.segments[number], shot=100 + k) for k in range(more))
     with_them = fit_effects(problem, (*fit.segments, *copies), guess=fit.shared)
@@ -85,7 +83,7 @@ def test_what_no_number_of_such_shots_can_show_needs_other_shots(
     sentence = design_detecting_experiment(
         problem, linearized.shot_information, residuals, fit.free, tiny, ("air_drag",), 1.0
     )
-    assert "To test air drag of usual strength, record much slower and much faster motion" in sentence
+    assert "To look for air drag of usual strength too, record much slower and much faster motion" in sentence
     assert "more shots like these would not reveal it" in sentence
 
 
@@ -129,4 +127,4 @@ def test_a_limit_of_inputs_is_shown_by_larger_inputs_and_not_by_more_of_the_same
     sentence = design_detecting_experiment(
         problem, linearized.shot_information, residuals, fit.free, tiny, ("saturation",), 1.0
     )
-    assert "give larger inputs" in sentence
+    assert "record larger inputs" in sentence

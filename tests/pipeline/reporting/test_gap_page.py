@@ -365,6 +365,7 @@ def test_effects_that_make_predictions_worse_leave_the_whole_gap() -> None:
     first, *_ = format_unexplained(named(replace(REST, share=1.14)))
     assert first.startswith("All of the gap (in squared errors) remains")
     assert format_share(-61.09) == "below -100 %"
+    assert format_share(2e-4) == "less than 0.05 %", "what remains is not nothing"
 
 
 LAW = ForceLaw(
