@@ -162,3 +162,26 @@ def test_a_shuttle_is_placed_or_is_none_and_a_corner_is_of_the_court(page: Rally
     page.browser.execute_script(choose)
     chosen = page.wait_for(6)
     assert (chosen.sport, chosen.corners) == ("tennis", None)
+
+
+# Corrections take a while to be sent, as from afar; a document, too.
+SLOW_ANSWERS = """const own = window.fetch;
+window.fetch = async (...given) => {
+  const answer = await own(...given);
+  await new Promise((resolve) => { setTimeout(resolve, 600); });
+  return answer;
+};"""
+
+
+def test_what_is_corrected_while_a_correction_is_sent_is_not_lost(page: RallyPage) -> None:
+    page.browser.execute_script(SLOW_ANSWERS)
+    for row in (5, 9):
+        page.show(row)
+        page.click("#place")
+        page.press(Keys.ENTER)
+    page.show(0)
+    page.browser.execute_script("document.querySelector('[data-corner]').focus()")
+    page.press(Keys.ARROW_RIGHT)
+    corrected = page.wait_for(3)
+    assert [one.ball.frame for one in corrected.balls] == [5, 9]
+    assert corrected.corners is not None

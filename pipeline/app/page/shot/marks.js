@@ -48,10 +48,16 @@ export const findMark = (run, corrections, event) => (corrections[listOf(event)]
 
 const isEqual = (one, two) => JSON.stringify(one) === JSON.stringify(two);
 
-export function dropMark(corrections, mark) {
-  const list = mark.event ? "events" : "contacts";
-  corrections[list] = corrections[list].filter((one) => !isEqual(one, mark));
+/** Find an entry of a list of corrections, which another correction may have moved. */
+export const findEntry = (corrections, list, entry) => corrections[list]?.find((one) => isEqual(one, entry));
+
+/** Remove an entry of a list of corrections. */
+export function drop(corrections, list, entry) {
+  const found = findEntry(corrections, list, entry);
+  corrections[list] = corrections[list]?.filter((one) => one !== found);
 }
+
+export const dropMark = (corrections, mark) => drop(corrections, mark.event ? "events" : "contacts", mark);
 
 /** Mark a contact, or an event of a rally; it replaces what was set by hand for the same one, such as its deletion. */
 export function markEvent(run, corrections, mark) {

@@ -15,7 +15,7 @@ export const CUSHIONS = ["left", "right", "top", "bottom"];
 export class ShotModel {
   constructor(id) {
     this.id = id;
-    this.state = createStore({ doc: null, status: null, error: "", isBusy: false });
+    this.state = createStore({ doc: null, status: null, error: "" });
     // What is chosen and shown: `bodies` of the next question, the `answer`, `paths` played otherwise, `rings` of balls to
     // put back; of corrections the chosen ball or event, a `question` that waits for a click, the `cross` that places a ball.
     this.desk = createStore({
@@ -26,6 +26,8 @@ export class ShotModel {
     this.player = null;
     this.asking = /** @type {AbortController | null} */ (null);
     this.timer = 0;
+    this.sent = 0; // corrections
+    this.sending = /** @type {Promise<boolean> | null} */ (null);
     this.isClosed = false;
     this.revision = library.get().revision;
     this.stops = [shotChanges.subscribe(() => this.noteChange()), library.subscribe(() => this.noteVideo())];
@@ -73,7 +75,10 @@ export class ShotModel {
 
   async load() {
     try {
-      this.setDoc(await read(shotAddress(this.id)));
+      const { sent } = this;
+      const doc = await read(shotAddress(this.id));
+      if (sent === this.sent) this.setDoc(doc);
+      else await this.load(); // a correction was sent meanwhile, which this one may not have
     } catch (error) {
       if (this.doc) notifyError(error);
       else this.state.set({ error: error.message });
@@ -87,7 +92,7 @@ export class ShotModel {
     if (frames && !this.player) this.player = new Player(new Frames(frames), doc.video);
     else if (frames) this.player.update(new Frames(frames), doc.video);
     const { ball, event } = this.desk.get();
-    const changed = { corners: null };
+    const changed = this.desk.get().dragged ? {} : { corners: null }; // what is being moved is not lost
     if (doc.run && ball && !findBall(doc.run, ball)) { // a corrected ball may have another id, at the same place
       const point = before?.run && findBall(before.run, ball)?.path[0];
       changed.ball = (point && nameAt(doc.run, { frame: point[0], x_px: point[1], y_px: point[2] })) ?? null;
@@ -125,21 +130,32 @@ export class ShotModel {
    * @param {(corrections: object) => void} edit
    * @param {(error: Error) => void} onRefusal says why a change cannot be made
    */
-  async change(edit, onRefusal = notifyError) {
-    const { doc, isBusy } = this.state.get();
-    if (isBusy || !doc) return false;
-    const next = structuredClone(doc.corrections);
-    edit(next);
-    return this.correct("PUT", "corrections", tidy(next), onRefusal);
+  change(edit, onRefusal = notifyError) {
+    return this.correct("PUT", "corrections", () => {
+      const next = structuredClone(this.doc.corrections);
+      edit(next);
+      return tidy(next);
+    }, onRefusal);
   }
 
   undo() { return this.correct("POST", "undo"); }
   redo() { return this.correct("POST", "redo"); }
   finish() { return this.correct("POST", "finish"); }
 
-  async correct(method, path, body, onRefusal = notifyError) {
-    if (this.state.get().isBusy) return false;
-    this.state.set({ isBusy: true });
+  /** Send a correction after those that are being sent: each is a change of the one before, and none is lost. */
+  async correct(method, path, makeBody, onRefusal = notifyError) {
+    while (this.sending) await this.sending;
+    if (!this.doc) return false;
+    this.sent += 1;
+    this.sending = this.send(method, path, makeBody?.(), onRefusal);
+    try {
+      return await this.sending;
+    } finally {
+      this.sending = null;
+    }
+  }
+
+  async send(method, path, body, onRefusal) {
     try {
       const status = await send(method, this.address(path), { body, headers: { "If-Match": `"${this.doc.revision}"` } });
       this.state.set({ status });
@@ -151,8 +167,6 @@ export class ShotModel {
       onRefusal(error);
       if (error.status === 412) await this.load();
       return false;
-    } finally {
-      this.state.set({ isBusy: false });
     }
   }
 

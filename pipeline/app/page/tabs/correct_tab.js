@@ -1,7 +1,7 @@
 // Corrections in place: what was measured wrong is said here, and the shot is explained again.
 import { html } from "../html.js";
 import { cancelCorrection, goToCheck, markHere, pickBall, startPlacing } from "../shot/hand_tools.js";
-import { dropMark, findMark, RALLY_EVENTS, setSport } from "../shot/marks.js";
+import { drop, dropMark, findEntry, findMark, RALLY_EVENTS, setSport } from "../shot/marks.js";
 import { useStore } from "../store.js";
 import { text } from "../strings.js";
 import { Selection } from "./selection_panel.js";
@@ -128,9 +128,9 @@ function ByHand({ shot }) {
     const name = doc.set_by_hand[number] ?? key;
     return html`<li key=${`${key} ${k}`}><span>${name}</span><span class="row">
       ${key === "tracks" && set.tracks[k].kind === "swap" && html`<button aria-label=${text.correct.untilLabel(shot.frame)}
-        onClick=${() => shot.change((c) => { c.tracks[k].last = shot.frame; })}>${text.correct.until}</button>`}
+        onClick=${() => shot.change((c) => Object.assign(findEntry(c, "tracks", set.tracks[k]) ?? {}, { last: shot.frame }))}>${text.correct.until}</button>`}
       <button aria-label=${text.correct.removeLabel(name)}
-        onClick=${() => shot.change((c) => { if (key === "sport") setSport(c, ""); else if (k === null) delete c[key]; else c[key].splice(k, 1); })}>${text.correct.remove}</button>
+        onClick=${() => shot.change((c) => { if (key === "sport") setSport(c, ""); else if (k === null) delete c[key]; else drop(c, key, set[key][k]); })}>${text.correct.remove}</button>
     </span></li>`;
   })}</ul>${!keys.length && html`<p class="small">${text.correct.noneByHand}</p>`}</section>`;
 }
