@@ -199,7 +199,7 @@ def _describe_stroke_numbers(rally: Rally, strokes: tuple[Stroke, ...]) -> list[
         {
             "title": f"Stroke {k + 1}, {cells[0]}",
             "rows": [[start_sentence(heading), cell] for heading, cell in
-                     zip(STROKE_HEADINGS[1:], cells[1:], strict=True) if cell != NOT_KNOWN],
+                     zip(STROKE_HEADINGS[1:], cells[1:], strict=True) if cell not in ("", NOT_KNOWN)],
         }
         for k, (_, cells) in enumerate(list_stroke_rows(rally, strokes))
     ]  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from functools import partial
 from inspect import Parameter, Signature, cleandoc, signature
@@ -43,12 +43,28 @@ def make_output_console() -> Console:
     return output if output.is_terminal else Console(highlight=False, width=_FILE_WIDTH)
 
 
-def print_rows(headings: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
-    """Print a table on standard output; its cells are markup of rich."""
-    grid = Grid(*headings, box=None, pad_edge=False)
-    for row in rows:
+def print_rows(
+    headings: Iterable[str], rows: Iterable[Iterable[str]], narrow_columns: Sequence[int] | None = None
+) -> None:
+    """Print a table on standard output; its cells are markup of rich.
+
+    Args:
+        narrow_columns: Columns that a screen shows which is too narrow for all; None for all.
+    """
+    screen, table = make_output_console(), [tuple(headings), *map(tuple, rows)]
+    grid = _build_grid(table)
+    natural = screen.measure(grid, options=screen.options.update(max_width=_FILE_WIDTH)).maximum
+    if narrow_columns is not None and natural > screen.width:
+        grid = _build_grid([tuple(row[k] for k in narrow_columns) for row in table])
+    screen.print(grid)
+
+
+def _build_grid(table: Sequence[Sequence[str]]) -> Grid:
+    """Build what rich prints of headings and rows."""
+    grid = Grid(*table[0], box=None, pad_edge=False)
+    for row in table[1:]:
         grid.add_row(*row)
-    make_output_console().print(grid)
+    return grid
 
 
 def print_note(sentence: str) -> None:

@@ -24,7 +24,7 @@ from pipeline.reporting.text.check_sentences import format_event_probability
 from pipeline.reporting.text.fit_sentences import format_whole_shot
 from pipeline.reporting.text.number_sentences import format_shot_line
 from pipeline.reporting.text.rally_sentences import describe_landing_call, format_landing, list_event_rows
-from pipeline.reporting.text.stroke_sentences import STROKE_HEADINGS, format_point, list_stroke_rows
+from pipeline.reporting.text.stroke_sentences import NARROW_COLUMNS, STROKE_HEADINGS, format_point, list_stroke_rows
 from pipeline.reporting.text.text_formatting import (
     format_event,
     format_event_time,
@@ -150,7 +150,7 @@ def _print_rally(finished: FinishedRally) -> None:
     cli.print_rows(("time", "what", "probability"), list_event_rows(rally))
     cells = [row for _, row in list_stroke_rows(rally, summarize_strokes(rally))]
     if cells:
-        cli.print_rows(STROKE_HEADINGS, cells)
+        cli.print_rows(STROKE_HEADINGS, cells, NARROW_COLUMNS)
     call = judge_landing(rally)
     words = format_landing(call, rally)
     screen = cli.make_output_console()

@@ -96,7 +96,9 @@ def _describe_end(rally: Rally, call: LandingCall, hitter: str) -> str:
     return f"{who}The {name} {verb} {words.margin} at {format_time(call.landing.t, call.landing.t_sigma)}."
 
 
-STROKE_HEADINGS = ("time", "player", "speed at the racket", "apex", "at the net", "landing")
+STROKE_HEADINGS = ("time", "player", "speed at the racket", "apex", "at the net", "landing", "place")
+# Those for which a narrow screen has room.
+NARROW_COLUMNS = (0, 1, 2, 5)
 
 
 def list_stroke_rows(rally: Rally, strokes: tuple[Stroke, ...]) -> list[tuple[float, tuple[str, ...]]]:
@@ -112,7 +114,7 @@ def list_stroke_rows(rally: Rally, strokes: tuple[Stroke, ...]) -> list[tuple[fl
                 if np.isfinite(one.apex[2])
                 else NOT_KNOWN,
                 format_net(one),
-                format_stroke_end(rally, one),
+                *_split_stroke_end(rally, one),
             ),
         )
         for one in strokes
@@ -136,12 +138,16 @@ def format_net(stroke: Stroke) -> str:
 
 def format_stroke_end(rally: Rally, stroke: Stroke) -> str:
     """Format where a stroke landed, or would have landed had nobody returned it."""
+    return ", ".join(filter(None, _split_stroke_end(rally, stroke)))
+
+
+def _split_stroke_end(rally: Rally, stroke: Stroke) -> tuple[str, str]:
+    """Format whether a stroke landed in, and how far from which line; the second is empty where that is not known."""
     call = stroke.call
     if call is None or call.landing is None:
-        return NOT_KNOWN
+        return NOT_KNOWN, ""
     if float(np.sqrt(np.linalg.eigvalsh(call.landing.covariance[:2, :2]).max())) > MAX_PLACE_SIGMA:
-        return NOT_KNOWN
+        return NOT_KNOWN, ""
     words = format_landing(call, rally)
-    head = f"{words.verdict} ({words.probability})"
     would = "" if call.landing.is_seen else f"without the return, at {format_moment(call.landing.t)}: "
-    return f"{would}{head}, {words.margin}"
+    return f"{would}{words.verdict} ({words.probability})", words.margin

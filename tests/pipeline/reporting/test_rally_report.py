@@ -152,7 +152,7 @@ def test_a_returned_stroke_states_where_it_would_have_landed(filmed: tuple[Clip,
     assert second.call is None
     (_, cells), _ = list_stroke_rows(cut, (first, second))
     assert cells[5].startswith("without the return, at ")
-    assert "left singles line" in cells[5]
+    assert "left singles line" in cells[6]
 
 
 @pytest.mark.parametrize(
