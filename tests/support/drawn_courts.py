@@ -31,6 +31,8 @@ class Looks:
     noise: float = 3.0
     blur: float = 0.7
     quality: int = 60
+    rows: int = 0
+    """Rows of a stand, each with a bright edge."""
 
 
 LOOKS = {
@@ -40,6 +42,8 @@ LOOKS = {
     "grass": Looks((90, 140, 60), (80, 130, 55), noise=6.0),
     "table-tennis": Looks((60, 62, 70), (75, 70, 75), paint=(215, 110, 190), tape=(210, 200, 215)),
     "blue table": Looks((40, 70, 150), (150, 60, 55)),
+    "table on wood": Looks((45, 60, 68), (235, 215, 190), blur=1.0, players=0),
+    "table before a stand": Looks((0, 42, 95), (190, 50, 55), (40, 85, 75), rows=14),
 }
 
 
@@ -72,6 +76,7 @@ def draw_court(
     margins = (8.0, 5.0) if sport.floor == 0 else (6.0, 4.0)
     _fill(image, camera, _outline(-margins[0], -margins[1], length + margins[0], across + margins[1]), sport.floor,
           looks.ground)  # fmt: skip
+    _draw_rows(image, looks)
     _draw_banners(image, looks, rng)
     _draw_marks(image, sport, camera, margins)
     apron = 1.0 if sport.floor == 0 else 0.0
@@ -147,6 +152,14 @@ def _draw_marks(image: ImageArray, sport: Sport, camera: CourtCamera, margins: t
         place = rng.uniform(-np.array(margins), size + np.array(margins))
         corners = place + rng.normal(0, 0.03 * sport.length, (3, 2))
         _fill(image, camera, corners, sport.floor, tuple(int(c) for c in rng.integers(90, 230, 3)))
+
+
+def _draw_rows(image: ImageArray, looks: Looks) -> None:
+    """Draw rows of a stand over the upper third of the picture."""
+    height, width = image.shape[:2]
+    for k in range(looks.rows):
+        y = round(height / 3 * (k + 0.5) / looks.rows)
+        cv2.line(image, (0, y + height // 60), (width, y), tuple(c + 40 for c in looks.wall), 5, cv2.LINE_AA)
 
 
 def _draw_banners(image: ImageArray, looks: Looks, rng: np.random.Generator) -> None:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.court import Sport
+from models.core.court import CourtLine, Sport
 from models.core.court_camera import CAMERA_PARAMETERS, CourtCamera
 from models.core.typing import FloatArray
-from video.calibration.court_lines import measure_crests
+from video.calibration.court_lines import measure_crests, measure_steps
 
 # px in an image of `REFERENCE_WIDTH_PX`: how far paint is searched, step by step.
 REACHES = (8.0, 5.0, 3.0, 3.0)
@@ -29,6 +30,8 @@ LENS_SIGMA, FOCAL_MEAN, FOCAL_SIGMA = 0.03, np.log(1.5), 1.0
 NET_SIGMA_SHARE, TAPE_SHARE = 0.02, 0.055
 # px: thinner paint is not always seen.
 THIN_PX = 0.8
+# px: thinner paint at the edge of a table merges with a bright floor behind it, and is seen as a step.
+MERGED_PX = 1.5
 # Share of the lines' length that is seen below which further steps do not make a court of it.
 GIVE_UP_SHARE = 0.4
 # Least number of places that a camera is fitted to.
@@ -188,7 +191,23 @@ def measure_places(
     xyz, normal, px, width, weight = (part[inside] for part in (xyz, normal, px, width, weight))
     line = line[inside].astype(np.int64)
     shift, _ = measure_crests(brightness, px, normal, width, reach, line < len(sport.lines))
+    outward = np.array([*map(partial(_find_outward, sport), sport.lines), np.zeros(3)])[line]
+    side = np.sign(((camera.to_pixels(xyz + 0.01 * outward) - px) * normal).sum(1))
+    merged = np.isnan(shift) & (side != 0) & (width < MERGED_PX)
+    shift[merged] = side[merged] * measure_steps(
+        brightness, px[merged], side[merged, None] * normal[merged], width[merged], reach
+    )
     return _Places(xyz, line, normal, px + shift[:, None] * normal, weight)
+
+
+def _find_outward(sport: Sport, line: CourtLine) -> FloatArray:
+    """Find the direction (3,) from a line at the edge of a table to the floor beside it; 0 for any other line."""
+    way = np.zeros(3)
+    for axis, size in enumerate((sport.length, sport.width)):
+        place = line.start[axis]
+        if sport.floor < 0 and place == line.end[axis] and min(place, size - place) <= line.width:
+            way[axis] = 1.0 if place > size / 2 else -1.0
+    return way
 
 
 def _net_places(sport: Sport, camera: CourtCamera, net_shift: float) -> _Parts:

@@ -77,8 +77,9 @@ class _RidgeMaps:
 
     directions: NDArray[np.bool_]
     """(MAP_DIRECTIONS, H, W) whether a ridge of each direction is near."""
-    gains: NDArray[np.float32]
-    """(2, H, W) logarithms of ratios of likelihoods where no ridge is, and where one is."""
+    chance: NDArray[np.float32]
+    """(MAP_DIRECTIONS, H, W) probability that a ridge of a direction is there by chance: rows of a stand are full of
+    ridges of one direction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,10 +120,8 @@ def propose_courts(brightness: NDArray[np.float32], sports: Sequence[Sport], cou
 
 def _map_ridges(points: RidgePoints, shape: tuple[int, int]) -> _RidgeMaps:
     maps = map_ridge_directions(points, shape)
-    density = np.asarray(maps.mean(0, dtype=np.float32))
-    chance = np.clip(cv2.blur(density, (CHANCE_WINDOW_PX,) * 2), *CHANCE_RANGE)
-    hit, miss = np.log(SEEN_PROBABILITY / chance), np.log((1 - SEEN_PROBABILITY) / (1 - chance))
-    return _RidgeMaps(maps, np.stack([miss, hit]))
+    density = np.stack([cv2.blur(one.astype(np.float32), (CHANCE_WINDOW_PX,) * 2) for one in maps])
+    return _RidgeMaps(maps, np.clip(density, *CHANCE_RANGE))
 
 
 def _weigh_homographies(
@@ -158,8 +157,10 @@ def _weigh_homographies(
         direction = np.rint(np.arctan2(dx, -dy) * (MAP_DIRECTIONS / np.pi)).astype(np.int64) % MAP_DIRECTIONS
         i, j = (row[n, p] + 0.5).astype(np.int64), (column[n, p] + 0.5).astype(np.int64)
         is_hit = ridges.directions[direction, i, j]
+        chance = ridges.chance[direction, i, j]
+        ratio = np.where(is_hit, SEEN_PROBABILITY / chance, (1 - SEEN_PROBABILITY) / (1 - chance))
         weight = np.hypot(dx, dy) * visibility[step // 2 :: step][p]
-        scores[part] = np.bincount(n, weight * ridges.gains[is_hit.astype(np.int64), i, j], len(depth))
+        scores[part] = np.bincount(n, weight * np.log(ratio), len(depth))
         lengths[part] = np.bincount(n, weight * is_hit, len(depth))
     return scores, lengths
 

@@ -16,6 +16,8 @@ SEARCH_SIDE_PX = 1280
 RIDGE_SCALES = (1.2, 2.4, 4.8)
 # Grey levels by which paint must be brighter than both sides: an eye sees 8 of 255 at an edge.
 MIN_CONTRAST = 8.0
+# The same at a step: shadows and folds have steps, too, and a bright floor has more of them than paint.
+STEP_CONTRAST = 2 * MIN_CONTRAST
 # Share of the contrast of a bar that its curvature, times the squared smoothing, keeps where both have about one width.
 CURVATURE_SHARE = 0.35
 # Degrees and px of a cell in which directed ridge points vote for a line.
@@ -38,6 +40,8 @@ MAP_TOLERANCE = 3
 BLUR_PX, SIDE_PX = 2.5, 1.5
 # px^2, variance of the blur of a usual camera, pixel and interpolation; it moves the first moment of a step.
 BLUR_VARIANCE = 0.8
+# px on either side of a step over which brightness is compared.
+STEP_SIDE_PX = 2.0
 # Share of the contrast by which the grounds beside paint differ before they shift its centroid by a tenth of a px.
 UNEVEN_SHARE = 0.3
 
@@ -229,6 +233,35 @@ def measure_crests(
     is_inside = ((xy > 2) & (xy < np.array([wide - 3, height - 3]))).all(1)
     is_paint = is_inside & (peak > MIN_CONTRAST) & (np.abs(centre) < reach)
     return np.where(is_paint, centre, np.nan), np.where(is_inside, peak, -np.inf)
+
+
+def measure_steps(
+    brightness: NDArray[np.float32], xy: FloatArray, outward: FloatArray, width: FloatArray, reach: float
+) -> FloatArray:
+    """Measure where thin paint lies that merges with a ground behind it which is as bright: the image rises to both.
+
+    Args:
+        brightness: (H, W) grey levels.
+        xy: (K, 2) px, predicted places of the centre of the paint.
+        outward: (K, 2) unit vectors from the darker ground to the other.
+        width: (K,) px, of the paint.
+        reach: px across, up to which the step is searched.
+
+    Returns:
+        (K,) px outward from the prediction to the centre of the paint; NaN where there is no step.
+    """
+    cells = round(2 * STEP_SIDE_PX)
+    extent = int(np.ceil(2 * reach)) + cells
+    s = np.arange(-extent, extent + 1) / 2
+    at = (xy[:, None] + s[:, None] * outward[:, None]).astype(np.float32)
+    if len(xy) == 0:
+        return np.empty(0)
+    profile = cv2.remap(brightness, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    total = np.cumsum(profile, axis=1, dtype=np.float64)
+    # the mean of the cells behind a place less that of those before it
+    rise = (total[:, 2 * cells :] - 2 * total[:, cells:-cells] + total[:, : -2 * cells]) / cells
+    place, best = s[cells:-cells] + 0.25, np.argmax(rise, axis=1)
+    return np.where(rise[np.arange(len(xy)), best] > STEP_CONTRAST, place[best] + width / 2, np.nan)
 
 
 def _find_bar_centre(

@@ -19,6 +19,7 @@ from models.core.errors import ClipError, OptionError
 from models.core.progress import ignore_progress
 from models.core.typing import FloatArray, ImageArray
 from models.sports.sport_catalogue import find_sports
+from video.calibration.court_camera_fit import fit_court_camera
 from video.calibration.court_finder import LocatedCourt, find_court, locate_court
 from video.calibration.court_lines import convert_to_brightness
 from video.io.clip import open_clip
@@ -39,13 +40,24 @@ VIEWS: dict[str, tuple[str, Place, Place, float, bool, float, str]] = {
     "table side": ("table-tennis", (1.3, -8, 3.9), (1.4, 0.7, -0.4), 1450, False, 0.03, "table-tennis"),
     "table side phone": ("table-tennis", (1.0, -3.2, 0.9), (1.37, 0.7, 0), 1000, False, 0.0, "blue table"),
     "table oblique": ("table-tennis", (-1.8, -2.2, 1.3), (1.3, 0.7, 0), 1100, True, 0.0, "blue table"),
+    "table before a stand": (
+        "table-tennis",
+        (0.72, -5.26, 2.31),
+        (1.3, 0.7, 0.0),
+        829,
+        False,
+        0.0,
+        "table before a stand",
+    ),
     "table behind": ("table-tennis", (-9, 0.9, 3.5), (1.2, 0.76, -0.2), 2600, True, 0.0, "table-tennis"),
 }
+# Its lines are too faint to be searched, not to be measured.
+BRIGHT_FLOOR = ("table-tennis", (0.9, -1.8, 0.85), (1.0, 0.7, 0.1), 411.0, False, -0.09, "table on wood")
 FAST = ("badminton broadcast", "tennis phone corner", "table side")
 
 
 def aim(view: str) -> tuple[str, CourtCamera, str]:
-    name, place, target, focal, is_left_handed, k1, looks = VIEWS[view]
+    name, place, target, focal, is_left_handed, k1, looks = BRIGHT_FLOOR if view == "bright floor" else VIEWS[view]
     return name, aim_camera(place, target, focal, is_left_handed=is_left_handed, k1=k1), looks
 
 
@@ -74,6 +86,22 @@ def test_a_court_is_found_with_its_sport_its_side_and_its_lines_within_a_pixel(v
     assert located.fit.camera.is_left_handed == truth.is_left_handed
     assert measure_line_shift(name, truth, located.fit.camera) < 1.0
     assert np.exp(located.fit.camera.parameters[6] - truth.parameters[6]) == pytest.approx(1, abs=0.03)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_an_edge_of_a_table_is_seen_before_a_floor_as_bright_as_its_line(seed: int) -> None:
+    name, truth, looks = aim("bright floor")
+    picture = draw_court(SPORTS[name], truth, LOOKS[looks], np.random.default_rng(seed))
+    fit = fit_court_camera(convert_to_brightness(picture), SPORTS[name], truth)
+    assert fit.line_shares.min() > 0.5
+    assert measure_line_shift(name, truth, fit.camera) < 1.0
+
+
+def test_rows_of_a_stand_outweigh_no_table() -> None:
+    name, truth, looks = aim("table before a stand")
+    located = find_in_picture(draw_court(SPORTS[name], truth, LOOKS[looks], np.random.default_rng(2)))
+    assert located is not None
+    assert measure_line_shift(name, truth, located.fit.camera) < 1.0
 
 
 @pytest.mark.slow
