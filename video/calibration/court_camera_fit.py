@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from models.core.court import CourtLine, Sport
 from models.core.court_camera import CAMERA_PARAMETERS, CourtCamera
-from models.core.typing import FloatArray
+from models.core.typing import BoolArray, FloatArray
 from video.calibration.court_lines import measure_crests, measure_steps
 
 # px in an image of `REFERENCE_WIDTH_PX`: how far paint is searched, step by step.
@@ -32,6 +32,11 @@ NET_SIGMA_SHARE, TAPE_SHARE = 0.02, 0.055
 THIN_PX = 0.8
 # px: thinner paint at the edge of a table merges with a bright floor behind it, and is seen as a step.
 MERGED_PX = 1.5
+# Share of the lines that must be seen as paint before steps count as lines: the edges of a mat on a bright floor are
+# steps all around.
+MIN_PAINT_SHARE = 0.4
+# m to a place beside another, by which directions in the image are measured.
+PROBE_M = 0.01
 # Share of the lines' length that is seen below which further steps do not make a court of it.
 GIVE_UP_SHARE = 0.4
 # Least number of places that a camera is fitted to.
@@ -70,6 +75,8 @@ class _Places:
     """(K, 2) where paint is seen; NaN where none is."""
     weight: FloatArray
     """(K,) px of line that a place stands for, less where paint is too thin to be seen; 0 where none can be."""
+    is_step: BoolArray
+    """(K,) whether a step at the edge of a table was measured, because no paint is seen."""
 
 
 # The fields of `_Places` of a line, with widths of its paint, px, before the last.
@@ -149,7 +156,7 @@ def fit_to_corners(sport: Sport, camera: CourtCamera, corners: FloatArray, sigma
     px = corners[np.argmin(np.linalg.norm(predicted_px[:, None] - corners, axis=-1), axis=1)]
     places = _Places(
         np.repeat(_raise(sport.corners), 2, axis=0), np.arange(8), np.tile(np.eye(2), (4, 1)), np.repeat(px, 2, axis=0),
-        np.ones(8),
+        np.ones(8), np.zeros(8, np.bool_),
     )  # fmt: skip
     extended = np.append(camera.parameters, 0.0)
     for _ in range(GAUSS_NEWTON_STEPS):
@@ -179,7 +186,7 @@ def measure_places(
         xyz = _raise(start + share[:, None] * (end - start))
         along = _raise(end - start) / np.linalg.norm(end - start)
         side = one.width / 2 * np.array([-along[1], along[0], 0])
-        px, normal, width, step = _look_at(camera, xyz, along * 0.01, side)
+        px, normal, width, step = _look_at(camera, xyz, along * PROBE_M, side)
         parts.append((xyz, np.full(len(px), k), normal, px, width, step * np.clip(width / THIN_PX, 0, 1)))
     parts.append(net)
     for k, (_, _, _, px, width, weight) in enumerate(parts):
@@ -192,12 +199,12 @@ def measure_places(
     line = line[inside].astype(np.int64)
     shift, _ = measure_crests(brightness, px, normal, width, reach, line < len(sport.lines))
     outward = np.array([*map(partial(_find_outward, sport), sport.lines), np.zeros(3)])[line]
-    side = np.sign(((camera.to_pixels(xyz + 0.01 * outward) - px) * normal).sum(1))
-    merged = np.isnan(shift) & (side != 0) & (width < MERGED_PX)
-    shift[merged] = side[merged] * measure_steps(
-        brightness, px[merged], side[merged, None] * normal[merged], width[merged], reach
+    sign = np.sign(((camera.to_pixels(xyz + PROBE_M * outward) - px) * normal).sum(1))
+    is_step = np.isnan(shift) & (sign != 0) & (width < MERGED_PX)
+    shift[is_step] = sign[is_step] * measure_steps(
+        brightness, px[is_step], sign[is_step, None] * normal[is_step], width[is_step], reach
     )
-    return _Places(xyz, line, normal, px + shift[:, None] * normal, weight)
+    return _Places(xyz, line, normal, px + shift[:, None] * normal, weight, is_step)
 
 
 def _find_outward(sport: Sport, line: CourtLine) -> FloatArray:
@@ -216,7 +223,7 @@ def _net_places(sport: Sport, camera: CourtCamera, net_shift: float) -> _Parts:
     y = np.linspace(-net.overhang, sport.width + net.overhang, PLACES_PER_LINE)[1:-1]
     z = net.height_at(y, sport.width) + net_shift - half_tape
     xyz = np.column_stack([np.full_like(y, sport.length / 2), y, z])
-    px, normal, width, step = _look_at(camera, xyz, np.array([0, 0.01, 0]), np.array([0, 0, half_tape]))
+    px, normal, width, step = _look_at(camera, xyz, np.array([0, PROBE_M, 0]), np.array([0, 0, half_tape]))
     return xyz, np.full(len(y), len(sport.lines)), normal, px, width, step
 
 
@@ -273,7 +280,7 @@ def _solve(
     base = np.where(is_net, extended[-1], 0.0)
     places = _Places(
         (places.xyz - base[:, None] * np.array([0, 0, 1.0]))[good], places.line[good], places.normal[good],
-        places.px[good], places.weight[good],
+        places.px[good], places.weight[good], places.is_step[good],
     )  # fmt: skip
     covariance, spread = np.eye(9), LEAST_ERROR_PX
     if len(places.line) < MIN_PLACES:
@@ -355,6 +362,8 @@ def _judge(places: _Places, sport: Sport, camera: CourtCamera, extended: FloatAr
     r = _residuals(at_rest, sport, camera, extended)
     is_seen = np.isfinite(r) & (np.abs(r) < max(2.0, 4 * spread))
     totals = np.bincount(places.line, places.weight, count + 1)
+    paint = float((places.weight * (is_seen & ~places.is_step & (places.line < count))).sum())
+    is_seen &= ~places.is_step | (paint > MIN_PAINT_SHARE * totals[:-1].sum())
     hits = np.bincount(places.line, places.weight * is_seen, count + 1)
     shares = np.where(totals > 0, hits / np.maximum(totals, 1e-9), np.nan)
     on_lines = is_seen & (places.line < count) & (places.weight > 0)

@@ -41,6 +41,7 @@ POINTS_PER_LINE = 24
 COARSE_STEP = 8
 # Probability that a piece of a line is seen: players, the net and the light hide the others. The probability that a
 # ridge is there by chance is measured over windows of px, and lies in a range: letters and stands are full of ridges.
+# A window holds some lines of the court, too, so that about half of the lines must be seen: with fewer, nothing is a court.
 SEEN_PROBABILITY = 0.85
 CHANCE_WINDOW_PX, CHANCE_RANGE = 41, (0.02, 0.6)
 # Orders of its corners in which a court looks the same; its sides do not change places.
@@ -120,8 +121,10 @@ def propose_courts(brightness: NDArray[np.float32], sports: Sequence[Sport], cou
 
 def _map_ridges(points: RidgePoints, shape: tuple[int, int]) -> _RidgeMaps:
     maps = map_ridge_directions(points, shape)
-    density = np.stack([cv2.blur(one.astype(np.float32), (CHANCE_WINDOW_PX,) * 2) for one in maps])
-    return _RidgeMaps(maps, np.clip(density, *CHANCE_RANGE))
+    chance = np.empty(maps.shape, np.float32)
+    for one, directed in zip(maps, chance, strict=True):
+        cv2.blur(one.astype(np.float32), (CHANCE_WINDOW_PX,) * 2, dst=directed)
+    return _RidgeMaps(maps, np.clip(chance, *CHANCE_RANGE, out=chance))
 
 
 def _weigh_homographies(

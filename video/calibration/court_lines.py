@@ -250,18 +250,22 @@ def measure_steps(
     Returns:
         (K,) px outward from the prediction to the centre of the paint; NaN where there is no step.
     """
-    cells = round(2 * STEP_SIDE_PX)
-    extent = int(np.ceil(2 * reach)) + cells
-    s = np.arange(-extent, extent + 1) / 2
-    at = (xy[:, None] + s[:, None] * outward[:, None]).astype(np.float32)
     if len(xy) == 0:
         return np.empty(0)
+    cells = round(2 * STEP_SIDE_PX)
+    extent = int(np.ceil(2 * reach + np.max(width))) + 1 + cells
+    s = np.arange(-extent, extent + 1) / 2
+    at = (xy[:, None] + s[:, None] * outward[:, None]).astype(np.float32)
     profile = cv2.remap(brightness, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     total = np.cumsum(profile, axis=1, dtype=np.float64)
     # the mean of the cells behind a place less that of those before it
     rise = (total[:, 2 * cells :] - 2 * total[:, cells:-cells] + total[:, : -2 * cells]) / cells
-    place, best = s[cells:-cells] + 0.25, np.argmax(rise, axis=1)
-    return np.where(rise[np.arange(len(xy)), best] > STEP_CONTRAST, place[best] + width / 2, np.nan)
+    best = np.clip(np.argmax(rise, axis=1), 1, rise.shape[1] - 2)
+    before, peak, after = (rise[np.arange(len(xy)), best + k] for k in (-1, 0, 1))
+    is_peak = (peak > STEP_CONTRAST) & (peak >= before) & (peak >= after)
+    vertex = (before - after) / np.where(is_peak, 2 * (before - 2 * peak + after) - 1e-9, 1.0)
+    centre = s[cells:-cells][best] + (0.5 + vertex) / 2 + width / 2
+    return np.where(is_peak & (np.abs(centre) < reach), centre, np.nan)
 
 
 def _find_bar_centre(

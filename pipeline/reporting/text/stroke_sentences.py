@@ -98,7 +98,7 @@ def _describe_end(rally: Rally, call: LandingCall, hitter: str) -> str:
 
 STROKE_HEADINGS = ("time", "player", "speed at the racket", "apex", "at the net", "landing", "place")
 # Those for which a narrow screen has room.
-NARROW_COLUMNS = (0, 1, 2, 5)
+NARROW_COLUMNS = tuple(map(STROKE_HEADINGS.index, ("time", "player", "speed at the racket", "landing")))
 
 
 def list_stroke_rows(rally: Rally, strokes: tuple[Stroke, ...]) -> list[tuple[float, tuple[str, ...]]]:

@@ -179,9 +179,13 @@ def test_what_is_corrected_while_a_correction_is_sent_is_not_lost(page: RallyPag
         page.show(row)
         page.click("#place")
         page.press(Keys.ENTER)
-    page.show(0)
+    page.click("#events button")
+    page.show(12)
+    page.press("v")
+    page.show(20)
     page.browser.execute_script("document.querySelector('[data-corner]').focus()")
     page.press(Keys.ARROW_RIGHT)
-    corrected = page.wait_for(3)
+    corrected = page.wait_for(4)
     assert [one.ball.frame for one in corrected.balls] == [5, 9]
+    assert [one.to_frame for one in corrected.events] == [12], "as it was shown when the key was pressed"
     assert corrected.corners is not None

@@ -97,6 +97,13 @@ def test_an_edge_of_a_table_is_seen_before_a_floor_as_bright_as_its_line(seed: i
     assert measure_line_shift(name, truth, fit.camera) < 1.0
 
 
+def test_a_mat_without_lines_on_a_bright_floor_is_no_table() -> None:
+    name, truth, looks = aim("bright floor")
+    bare = replace(LOOKS[looks], paint=LOOKS[looks].court)
+    picture = draw_court(SPORTS[name], truth, bare, np.random.default_rng(1), has_net=False)
+    assert fit_court_camera(convert_to_brightness(picture), SPORTS[name], truth).share < 0.2
+
+
 def test_rows_of_a_stand_outweigh_no_table() -> None:
     name, truth, looks = aim("table before a stand")
     located = find_in_picture(draw_court(SPORTS[name], truth, LOOKS[looks], np.random.default_rng(2)))

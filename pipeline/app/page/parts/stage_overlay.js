@@ -85,7 +85,7 @@ export function StageOverlay({ shot, showsFrames }) {
   return html`<svg id="overlay" ref=${svg} class=${`overlay ${desk.question ? "asks" : ""}`}
     viewBox=${`-0.5 -0.5 ${width} ${height}`}
       aria-label=${text.stage.overlay} role="group" onPointerDown=${onDown} onPointerMove=${onMove} onPointerUp=${onUp}
-      onPointerCancel=${() => { drag.current = null; shot.desk.set({ cross: null }); }} onClick=${onClick}>
+      onPointerCancel=${() => { drag.current = null; shot.desk.set({ cross: null, corners: null, dragged: null }); }} onClick=${onClick}>
     ${corners.length > 0 && html`<polygon class="table-line" points=${corners.map((one) => one.join(",")).join(" ")} />`}
     ${isCorrecting && desk.question?.cushions && corners.length > 0 && Object.entries(SIDES).map(([side, [a, b]]) => html`<line key=${side} class="cushion"
       x1=${corners[a][0]} y1=${corners[a][1]} x2=${corners[b][0]} y2=${corners[b][1]} data-cushion=${side}>

@@ -38,14 +38,16 @@ export function moveCorner(shot, number, dx, dy, movesAll = document.getElementB
   shot.desk.set({ corners, dragged: corners[number] });
 }
 
-export function finishDrag(shot) {
+/** Send the corners that were moved; until that is done, or they are moved again, they stay where they were put. */
+export async function finishDrag(shot) {
   const { corners } = shot.desk.get();
   shot.desk.set({ dragged: null });
   if (!corners) return;
-  shot.change((c) => {
+  await shot.change((c, { run }) => {
     c.corners = corners.map((corner) => corner.map(round));
-    if (shot.isRally) c.sport ??= shot.run.table.name; // else they would be those of a table
+    if (shot.isRally) c.sport ??= run.table.name; // else they would be those of a table
   });
+  if (shot.desk.get().corners === corners) shot.desk.set({ corners: null });
 }
 
 export function startPlacing(shot) {
@@ -77,7 +79,7 @@ export function goToCheck(shot, number) {
 }
 
 const nameBall = (shot, id) => findBall(shot.run, id).name;
-const mark = (shot, event) => shot.change((c) => markEvent(shot.run, c, { kind: "mark", ...event }));
+const mark = (shot, event) => shot.change((c, { run }) => markEvent(run, c, { kind: "mark", ...event }));
 const editTrack = (shot, edit) => shot.change((c) => add(c, "tracks", edit));
 
 /** Let a person point at another ball, and with `cushions` also at a cushion. */

@@ -46,7 +46,7 @@ export const findMark = (run, corrections, event) => (corrections[listOf(event)]
   && (mark.cause ?? mark.event) === event.kind && Math.abs((mark.to_frame ?? mark.frame) - event.frame) < NEAR_FRAMES
   && hasBodies(run, mark, event));
 
-const isEqual = (one, two) => JSON.stringify(one) === JSON.stringify(two);
+export const isEqual = (one, two) => JSON.stringify(one) === JSON.stringify(two);
 
 /** Find an entry of a list of corrections, which another correction may have moved. */
 export const findEntry = (corrections, list, entry) => corrections[list]?.find((one) => isEqual(one, entry));

@@ -50,7 +50,7 @@ function handleCorrectionKey(shot, key, event) {
     shot.desk.set({ cross: [desk.cross[0] + arrow[0] * step, desk.cross[1] + arrow[1] * step] });
   } else if (desk.question?.point && key === "Enter") placeBall(shot);
   else if (key === "Escape") cancelCorrection(shot);
-  else if (key === "y" || key === "z") { if (event.shiftKey || key === "y") shot.redo(); else shot.undo(); }
+  else if (key === "y" || key === "z") { if (event.repeat) return true; if (event.shiftKey || key === "y") shot.redo(); else shot.undo(); }
   else if (key === "d") goToCheck(shot, desk.check + (event.shiftKey ? -1 : 1));
   else if (key === "b") startPlacing(shot);
   else return handleChoiceKey(shot, key === "Backspace" ? "Delete" : key, desk);
@@ -63,8 +63,8 @@ function handleChoiceKey(shot, key, { keys, event, ball, question }) {
   if (numbered) pickBall(shot, numbered[2]);
   else if (event && key === "Delete") {
     shot.desk.set({ event: null });
-    shot.change((c) => deleteEvent(shot.run, c, event));
-  } else if (event && key === "v") shot.change((c) => moveEvent(shot.run, c, event, shot.frame));
+    shot.change((c, { run }) => deleteEvent(run, c, event));
+  } else if (event && key === "v") shot.change((c, { run, frame }) => moveEvent(run, c, event, frame));
   else if (ball && action && !question) action.run(shot, ball);
   else return false;
   return true;

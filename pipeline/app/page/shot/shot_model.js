@@ -3,7 +3,7 @@ import { post, read, send, shotAddress } from "../api.js";
 import { library, notify, notifyError, shotChanges } from "../library_store.js";
 import { createStore } from "../store.js";
 import { Frames } from "./frames.js";
-import { findBall, isSameEvent, nameAt, tidy } from "./marks.js";
+import { findBall, isEqual, isSameEvent, nameAt, tidy } from "./marks.js";
 import { Player } from "./player.js";
 
 // ms between two questions for the progress of a run that follows a correction.
@@ -26,7 +26,7 @@ export class ShotModel {
     this.player = null;
     this.asking = /** @type {AbortController | null} */ (null);
     this.timer = 0;
-    this.sent = 0; // corrections
+    this.epoch = 0; // rises when a correction is sent and when it is answered: what was read in between is of neither
     this.sending = /** @type {Promise<boolean> | null} */ (null);
     this.isClosed = false;
     this.revision = library.get().revision;
@@ -75,10 +75,11 @@ export class ShotModel {
 
   async load() {
     try {
-      const { sent } = this;
+      const { epoch } = this;
       const doc = await read(shotAddress(this.id));
-      if (sent === this.sent) this.setDoc(doc);
-      else await this.load(); // a correction was sent meanwhile, which this one may not have
+      if (epoch === this.epoch) { this.setDoc(doc); return; }
+      await this.sending;
+      await this.load();
     } catch (error) {
       if (this.doc) notifyError(error);
       else this.state.set({ error: error.message });
@@ -92,7 +93,7 @@ export class ShotModel {
     if (frames && !this.player) this.player = new Player(new Frames(frames), doc.video);
     else if (frames) this.player.update(new Frames(frames), doc.video);
     const { ball, event } = this.desk.get();
-    const changed = this.desk.get().dragged ? {} : { corners: null }; // what is being moved is not lost
+    const changed = {};
     if (doc.run && ball && !findBall(doc.run, ball)) { // a corrected ball may have another id, at the same place
       const point = before?.run && findBall(before.run, ball)?.path[0];
       changed.ball = (point && nameAt(doc.run, { frame: point[0], x_px: point[1], y_px: point[2] })) ?? null;
@@ -127,13 +128,15 @@ export class ShotModel {
 
   /**
    * Change the corrections.
-   * @param {(corrections: object) => void} edit
+   * @param {(corrections: object, seen: {run: object, frame: number}) => void} edit is called when earlier corrections
+   *   are sent, with what the person sees now
    * @param {(error: Error) => void} onRefusal says why a change cannot be made
    */
   change(edit, onRefusal = notifyError) {
+    const seen = { run: this.run, frame: this.player ? this.frame : 0 };
     return this.correct("PUT", "corrections", () => {
       const next = structuredClone(this.doc.corrections);
-      edit(next);
+      edit(next, seen);
       return tidy(next);
     }, onRefusal);
   }
@@ -146,8 +149,7 @@ export class ShotModel {
   async correct(method, path, makeBody, onRefusal = notifyError) {
     while (this.sending) await this.sending;
     if (!this.doc) return false;
-    this.sent += 1;
-    this.sending = this.send(method, path, makeBody?.(), onRefusal);
+    this.sending = this.send(method, path, makeBody, onRefusal);
     try {
       return await this.sending;
     } finally {
@@ -155,15 +157,20 @@ export class ShotModel {
     }
   }
 
-  async send(method, path, body, onRefusal) {
+  async send(method, path, makeBody, onRefusal) {
     try {
+      const body = makeBody?.();
+      if (body && isEqual(body, this.doc.corrections)) return true; // of a second click
+      this.epoch += 1;
       const status = await send(method, this.address(path), { body, headers: { "If-Match": `"${this.doc.revision}"` } });
+      this.epoch += 1;
       this.state.set({ status });
       if (body) this.state.set({ doc: { ...this.doc, corrections: body, revision: status.revision } });
       else await this.load();
       this.follow();
       return true;
     } catch (error) {
+      this.epoch += 1;
       onRefusal(error);
       if (error.status === 412) await this.load();
       return false;

@@ -128,7 +128,7 @@ function ByHand({ shot }) {
     const name = doc.set_by_hand[number] ?? key;
     return html`<li key=${`${key} ${k}`}><span>${name}</span><span class="row">
       ${key === "tracks" && set.tracks[k].kind === "swap" && html`<button aria-label=${text.correct.untilLabel(shot.frame)}
-        onClick=${() => shot.change((c) => Object.assign(findEntry(c, "tracks", set.tracks[k]) ?? {}, { last: shot.frame }))}>${text.correct.until}</button>`}
+        onClick=${() => shot.change((c, { frame }) => Object.assign(findEntry(c, "tracks", set.tracks[k]) ?? {}, { last: frame }))}>${text.correct.until}</button>`}
       <button aria-label=${text.correct.removeLabel(name)}
         onClick=${() => shot.change((c) => { if (key === "sport") setSport(c, ""); else if (k === null) delete c[key]; else drop(c, key, set[key][k]); })}>${text.correct.remove}</button>
     </span></li>`;

@@ -33,12 +33,11 @@ function Question({ shot, ball, question }) {
 
 function BallPanel({ shot, ball, classes }) {
   const [name, setName] = useState(ball.id);
-  const { run } = shot;
   const rename = (event) => {
     event.preventDefault();
     const wanted = name.trim();
     document.activeElement.blur();
-    shot.change((c) => setBall(run, c, "rename", ball.id, shot.frame, wanted))
+    shot.change((c, seen) => setBall(seen.run, c, "rename", ball.id, seen.frame, wanted))
       .then((isDone) => { if (isDone) shot.desk.set({ ball: wanted }); });
   };
   return html`<h2>${ball.name}</h2>
@@ -49,7 +48,7 @@ function BallPanel({ shot, ball, classes }) {
     ${shot.isRally ? html`<p class="small">${text.correct.falseBall}</p>` : html`<div class="row" role="group"
       aria-label=${text.correct.classLabel}>${classes.map((kind) => html`<button key=${kind} data-class=${kind}
       aria-pressed=${kind === ball.kind}
-      onClick=${() => shot.change((c) => setBall(run, c, "class", ball.id, shot.frame, kind))}>${text.classes[kind] ?? kind}
+      onClick=${() => shot.change((c, seen) => setBall(seen.run, c, "class", ball.id, seen.frame, kind))}>${text.classes[kind] ?? kind}
         </button>`)}</div>
     <form class="row" onSubmit=${rename}><label for="ball-name">${text.correct.id}</label>
       <input id="ball-name" value=${name} maxlength="32" autocomplete="off" spellcheck=${false}
@@ -61,7 +60,7 @@ function EventPanel({ shot, event }) {
   const { row } = useStore(shot.player.clock);
   const frame = shot.player.frames.distinct[row];
   const [exact, setExact] = useState(event.frame.toFixed(2));
-  const move = (to) => shot.change((c) => moveEvent(shot.run, c, event, to));
+  const move = (to) => shot.change((c, { run }) => moveEvent(run, c, event, to));
   const submit = (submitted) => {
     submitted.preventDefault();
     document.activeElement.blur();
@@ -70,7 +69,7 @@ function EventPanel({ shot, event }) {
   return html`<h2>${event.text}</h2><p class="small">${text.correct.eventFacts(event)}</p>
     ${!MARKED.includes(event.kind) ? html`<p class="small">${text.correct.follows}</p>` : html`
       <div class="row"><button class="danger" data-action="delete"
-        onClick=${() => { shot.desk.set({ event: null }); shot.change((c) => deleteEvent(shot.run, c, event)); }}>
+        onClick=${() => { shot.desk.set({ event: null }); shot.change((c, { run }) => deleteEvent(run, c, event)); }}>
           ${text.correct.didNotHappen} <kbd>${text.correct.keyName("Delete")}</kbd></button>
         <button data-action="move"
           onClick=${() => move(frame)}>${text.correct.happenedAt(frame)} <kbd>${text.correct.keyName("v")}</kbd></button>
