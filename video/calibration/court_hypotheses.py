@@ -41,7 +41,7 @@ POINTS_PER_LINE = 24
 COARSE_STEP = 8
 # Probability that a piece of a line is seen: players, the net and the light hide the others. The probability that a
 # ridge is there by chance is measured over windows of px, and lies in a range: letters and stands are full of ridges.
-# A window holds some lines of the court, too, so that about half of the lines must be seen: with fewer, nothing is a court.
+# A window holds some lines of the court, too, so that about half of them must be seen: with fewer, nothing is a court.
 SEEN_PROBABILITY = 0.85
 CHANCE_WINDOW_PX, CHANCE_RANGE = 41, (0.02, 0.6)
 # Orders of its corners in which a court looks the same; its sides do not change places.
