@@ -47,6 +47,9 @@ _NONE = 1e-5
 _FLOOR_SOFTNESS = 0.05
 # Share by which the drag of one flight departs from that of the clip: the drag coefficient varies with speed and spin.
 DRAG_SPREAD = 0.04
+# Spread of the places of a flight, as a multiple of that before anything was seen, from which it is none: usually it is
+# 1 to 2, but 10^6 and more where small changes of the law turn a path anywhere.
+_LOST = 100.0
 # Initial speeds with which the linear problem is solved, as shares of the largest; the best of them starts the search.
 _START_SPEEDS = (0.05, 0.15, 0.3, 0.5, 0.8)
 # Standard deviations from which residuals pull less in the first search: a start is far from what it should explain.
@@ -131,7 +134,7 @@ def fit_single_flight(
         pins: Places through which the flight passes.
 
     Returns:
-        The flight; None where the search finds no possible one, or nothing holds one of its parameters.
+        The flight; None where the search finds no possible one, or nothing holds its parameters or its places.
     """
     turn_length = sport.object.turn_length if turns else 0.0
     tau = observed.t - observed.t[0]
@@ -184,7 +187,11 @@ def fit_single_flight(
     path = fly(best.point, tau, turn_length)
     by_place = compare_places(observed, path.states[:, :3])[1]
     evidence += 2 * float(np.log(weigh_by_law(by_place, path.states[:, :3], sport.object)).sum())
-    return SingleFlight(best.point, invert_semidefinite(information), best.cost, evidence, path, turns)
+    covariance = invert_semidefinite(information)
+    spread = np.einsum("nip,pq,niq->ni", path.derivatives[:, :3], covariance, path.derivatives[:, :3])
+    if not (spread < (_LOST * prior.sigma[:3]) ** 2).all():
+        return None  # what is seen holds nothing of it, and its law is far from any that is known
+    return SingleFlight(best.point, covariance, best.cost, evidence, path, turns)
 
 
 def _solve_linear(
