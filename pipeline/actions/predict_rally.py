@@ -99,10 +99,10 @@ def state_flight_prediction(
     sentence = f"From {format_moment(t)} the {name} flies to {place} at {format_moment(float(path.t[-1]))}."
     quantities = [Quantity("xyz"[k], float(end[k]), float(spread[k]), "m") for k in range(3)]
     quantities.append(Quantity("time", float(path.t[-1]), unit="s"))
-    compared = f"Seen later in {len(later)} frames, {error:.1f} px (root mean square) from there." if len(later) else ""
+    off = f"Where it was seen later lies {error:.1f} px from there in the image, rms over {len(later)} frames."
     return path, Answer(
         f"Where does the {name} fly from {format_moment(t)}?",
-        tuple(filter(None, (sentence, words.sentence if call.landing else "", compared))),
+        tuple(filter(None, (sentence, words.sentence if call.landing else "", off if len(later) else ""))),
         quantities=tuple(quantities), document=document,
     )  # fmt: skip
 

@@ -185,6 +185,8 @@ def read_saved(folder: Path) -> Shot | Rally:
             return saved
         except _UNREADABLE as error:
             failure: BaseException = error
+    if not folder.exists():
+        raise OptionError(f"{folder} does not exist; trueroll run CLIP -o {folder} writes it")
     if not path.is_file():
         raise OptionError(
             f"{folder} holds no saved shot, which every run writes since this version; run the clip again:"

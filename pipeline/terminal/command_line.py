@@ -21,7 +21,7 @@ from models.core.answer import Answer
 from pipeline.engine.atomic_write import parse_output_path
 
 app = typer.Typer(
-    help="A clip of a billiards shot goes in; physics-true annotated slow motion comes out.",
+    help="A clip of a billiards shot or a rally goes in; physics-true annotated slow motion comes out.",
     add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},

@@ -149,5 +149,6 @@ def _split_stroke_end(rally: Rally, stroke: Stroke) -> tuple[str, str]:
     if float(np.sqrt(np.linalg.eigvalsh(call.landing.covariance[:2, :2]).max())) > MAX_PLACE_SIGMA:
         return NOT_KNOWN, ""
     words = format_landing(call, rally)
-    would = "" if call.landing.is_seen else f"without the return, at {format_moment(call.landing.t)}: "
+    why = "after the clip" if call.landing.t > rally.t[-1] else "without the return"
+    would = "" if call.landing.is_seen else f"{why}, at {format_moment(call.landing.t)}: "
     return f"{would}{words.verdict} ({words.probability})", words.margin

@@ -121,6 +121,11 @@ def test_a_damaged_shot_is_refused_with_what_to_do(shot: Shot, tmp_path: Path, d
         read_shot(tmp_path)
 
 
+def test_a_folder_that_does_not_exist_is_said_not_to(tmp_path: Path) -> None:
+    with pytest.raises(OptionError, match="missing does not exist; trueroll run CLIP -o"):
+        read_shot(tmp_path / "missing")
+
+
 def test_a_run_folder_of_an_earlier_version_says_how_to_get_a_shot(tmp_path: Path) -> None:
     (tmp_path / SOURCE_FILE).write_text("{}")
     with pytest.raises(OptionError, match=r"holds no saved shot.*run the clip again: trueroll run CLIP -o"):
