@@ -31,7 +31,7 @@ from models.core.number_format import (
 )
 from models.physics.mechanisms.mechanism_catalogue import MECHANISM_EFFECTS
 from models.physics.mechanisms.mechanism_effect import MechanismEffect
-from pipeline.reporting.text.text_formatting import format_law
+from pipeline.reporting.text.text_formatting import format_law, format_parameter_name
 
 # Share of the gap below which an effect that may close nothing is called small.
 SMALL_SHARE = 0.05
@@ -106,7 +106,10 @@ def format_verdict(report: DiagnosisReport) -> str:
     Returns:
         One sentence or two.
     """
-    return _format_missing(report) + _format_wrong_coefficients(report)
+    missing, wrong = _format_missing(report), _format_wrong_coefficients(report)
+    if report.verdict == "none" and wrong:
+        return f"{wrong} Beyond that, these shots show no effect that your simulator lacks."
+    return " ".join(filter(None, (missing, wrong)))
 
 
 def _format_wrong_coefficients(report: DiagnosisReport) -> str:
@@ -121,9 +124,11 @@ def _format_wrong_coefficients(report: DiagnosisReport) -> str:
     ):
         return ""
     stated, fitted = (format_error_size(one, gap.metric) for one in (gap.as_stated, gap.closure.before))
+    absent = [format_parameter_name(one.name) for one in report.fitted if one.is_wrongly_stated and one.stated == 0]
+    which = f" ({'; '.join(absent)}: it has none)" if absent else ""
     return (
-        f" Coefficients of your simulator are wrong: with them, its rms error is {stated}, and {fitted} with those that"
-        " fit the recordings."
+        f"Coefficients of your simulator are wrong{which}: with them, its rms error is {stated}, and {fitted} with"
+        " those that fit the recordings."
     )
 
 

@@ -304,10 +304,12 @@ def test_what_comes_nearest_is_not_called_added_and_noise_is_no_larger_than_the_
     assert "the simulator, its coefficients fitted to the recordings, over the first" in format_gap_closure(own)
     assert format_verdict(own) == format_verdict(report("none")), "another effect may be missing"
     own = replace(own, fitted=(Strength("joint_friction.viscous", "N m", 0.31, 0.02, 0.1, stated=0.6),))
-    assert format_verdict(own).endswith(
-        " Coefficients of your simulator are wrong: with them, its rms error is 20 mm, and 1.62 mm with those that fit"
-        " the recordings."
+    assert format_verdict(own) == (
+        "Coefficients of your simulator are wrong: with them, its rms error is 20 mm, and 1.62 mm with those that fit"
+        " the recordings. Beyond that, these shots show no effect that your simulator lacks."
     )
+    dry = replace(own, fitted=(Strength("joint_friction.dry", "N m", 0.02, 1e-4, 1e-4, stated=0.0),))
+    assert "are wrong (joint friction, dry: it has none): with them" in format_verdict(dry)
     hidden_by_its_start = replace(own, gap=replace(own.gap, as_stated=1.15 * noise.before))
     assert format_verdict(hidden_by_its_start) == format_verdict(report("none"))
     small = replace(nearest, before=0.846, after=0.592, floor=0.592, closed=float("nan"), resolved=False)
