@@ -16,6 +16,7 @@ the function imports, directly or indirectly.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -37,6 +38,9 @@ from models.core.module_discovery import find_discovered_packages, find_imports
 COMPLEX_STEP = 1e-30
 # Packages whose compiled functions are cached on disk.
 CACHED_PACKAGES = ("models.", "video.")
+# Held by the thread that compiles or loads a function. Numba's own lock is taken after its timers have begun, which
+# threads then disturb (https://github.com/numba/numba/issues/10564): a page that asks two things at once might fail.
+_COMPILING = threading.RLock()
 # Numba event of a process in which a function is compiled that the cache does not hold.
 _COMPILATION_EVENT = "numba:compile"
 # Hexadecimal digits that tell closures apart: two of a thousand agree once in 10^9 programs.
@@ -166,6 +170,13 @@ def compile_kernel(function: Callable[..., Any]) -> Any:
     if function.__module__.startswith(CACHED_PACKAGES):
         with suppress(RuntimeError):  # no writable cache folder: every process compiles again
             kernel._cache = _SourceCache(function)
+    compile_alone = kernel.compile
+
+    def compile_in_turn(signature: Any) -> Any:
+        with _COMPILING:
+            return compile_alone(signature)
+
+    kernel.compile = compile_in_turn
     return kernel
 
 

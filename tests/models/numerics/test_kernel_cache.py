@@ -5,12 +5,16 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from pathlib import Path
 from textwrap import dedent
 from typing import Any
 
 import pytest
+from numba.core.event import Event, Listener, install_listener
 
 from models.numerics.jit import compile_kernel
 
@@ -165,3 +169,32 @@ def test_a_process_that_was_forked_after_the_import_compiles_too(tmp_path: Path,
     """As the workers of `multiprocessing` are on Linux: locks of the parent must not be theirs."""
     copy_package(tmp_path, CALLEE.format(number=1))
     assert call_in_new_process(tmp_path, FORK) == [0, 20]
+
+
+def test_threads_that_compile_do_not_disturb_the_timers_of_each_other() -> None:
+    """A timer of numba counts what begins and ends in all threads; two at once fail now and then."""
+
+    class Recorder(Listener):  # type: ignore[misc]
+        def __init__(self) -> None:
+            self.threads: list[int] = []
+
+        def on_start(self, event: Event) -> None:
+            self.threads.append(threading.get_ident())
+
+        def on_end(self, event: Event) -> None:
+            self.threads.append(threading.get_ident())
+
+    def compile_another(number: int) -> None:
+        def add(x: float) -> float:
+            return x + number
+
+        kernel = compile_kernel(add)
+        barrier.wait()
+        assert kernel(1.0) == 1.0 + number
+
+    barrier = threading.Barrier(4)
+    with install_listener("numba:compiler_lock", Recorder()) as recorder, ThreadPoolExecutor(4) as pool:
+        list(pool.map(compile_another, range(4)))
+    changes = sum(one != other for one, other in pairwise(recorder.threads))
+    assert len(set(recorder.threads)) == 4
+    assert changes == 3, "each thread ends before the next begins"
