@@ -14,7 +14,7 @@ from models.core.court_camera import CourtCamera, CourtScene
 from models.core.errors import ClipError, OptionError
 from models.core.progress import Progress
 from models.core.scene import apply_homography
-from models.core.typing import ByteArray, ImageArray
+from models.core.typing import ByteArray, FloatArray, ImageArray
 from models.sports.sport_catalogue import find_sports
 from video.calibration.court_camera_fit import (
     REFERENCE_WIDTH_PX,
@@ -62,6 +62,11 @@ PLACE_FRAMES, MAX_PLACE_MISFIT = 6, 4.0
 USER_CORNER_SIGMA_PX, GIVEN_REACH_PX, MIN_GIVEN_SHARE = 2.0, 12.0, 0.4
 
 
+# px in an image of `REFERENCE_WIDTH_PX` between lines of two courts that are one line; share of a court's lines that
+# are those of another from which it is no court; number of places on a line that are compared.
+SAME_LINE_PX, SAME_LINE_SHARE, LINE_PLACES = 5.0, 0.7, 400
+
+
 @dataclass(frozen=True, slots=True)
 class LocatedCourt:
     """A court in an image."""
@@ -83,7 +88,7 @@ def locate_court(clip: Clip, sport: str | None, corners: str | None, progress: P
         The court with a camera, which carries its motion where it turns or zooms.
 
     Raises:
-        ClipError: no known court is seen.
+        ClipError: no known court is seen, or the lines of the named sport are those of another.
         OptionError: the sport is unknown, or the corners are not those of a court.
     """
     sports = _choose_sports(sport)
@@ -106,6 +111,14 @@ def locate_court(clip: Clip, sport: str | None, corners: str | None, progress: P
         )
         sentence = f"{clip.path.name} shows {subject}; film it with its lines in view"
         raise ClipError(sentence, remedy="court corners")
+    if sport is not None and corners is None:
+        shown = image if reference == 0 else images[reference]
+        larger = find_court(shown, [one for one in find_sports().values() if one.name != sport])
+        if larger is not None and _is_part(located, larger):
+            raise ClipError(
+                f"{clip.path.name} shows a court of {larger.sport.name}: the lines that would be those of {sport} are"
+                f" its own; leave --sport out, or name {larger.sport.name}"
+            )
     progress(0.6)
     camera, error = replace(located.fit.camera, first_frame=clip.first_frame), located.fit.line_error
     if not is_still:
@@ -225,6 +238,27 @@ def _is_court(sport: Sport, fit: CourtFit) -> bool:
         and visible >= MIN_SEEN_PART * possible
         and fit.line_error < MAX_LINE_ERROR_PX * scale
     )
+
+
+def _is_part(court: LocatedCourt, other: LocatedCourt) -> bool:
+    """Judge whether the lines of a court are some of the lines of another that explains more."""
+    if _weigh(other.fit) <= _weigh(court.fit):
+        return False
+    (own, width), (theirs, _) = _project_lines(court), _project_lines(other)
+    scale = max(1.0, court.fit.camera.width_px / REFERENCE_WIDTH_PX)
+    gaps = np.linalg.norm(own[:, None] - theirs, axis=-1).min(axis=1)
+    return bool(np.average(gaps < SAME_LINE_PX * scale, weights=width) > SAME_LINE_SHARE)
+
+
+def _project_lines(court: LocatedCourt) -> tuple[FloatArray, FloatArray]:
+    """Project places on the lines of a court that are inside the image: px (K, 2), and widths (K,) of the lines, m."""
+    camera, share = court.fit.camera, np.linspace(0, 1, LINE_PLACES)[:, None]
+    ends = np.array([(line.start, line.end) for line in court.sport.lines])
+    xy = (ends[:, 0, None] + share * (ends[:, 1] - ends[:, 0])[:, None]).reshape(-1, 2)
+    px = camera.to_pixels(np.column_stack([xy, np.zeros(len(xy))]))
+    widths = np.repeat([line.width for line in court.sport.lines], LINE_PLACES)
+    inside = np.all((px > 0) & (px < [camera.width_px, camera.height_px]), axis=1)
+    return px[inside], widths[inside]
 
 
 def _locate_by_corners(brightness: NDArray[np.float32], sports: Sequence[Sport], corners: str) -> LocatedCourt:

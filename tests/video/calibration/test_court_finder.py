@@ -19,7 +19,8 @@ from models.core.errors import ClipError, OptionError
 from models.core.progress import ignore_progress
 from models.core.typing import FloatArray, ImageArray
 from models.sports.sport_catalogue import find_sports
-from video.calibration.court_camera_fit import fit_court_camera
+from video.calibration import court_finder
+from video.calibration.court_camera_fit import CourtFit, build_court_camera, fit_court_camera
 from video.calibration.court_finder import LocatedCourt, find_court, locate_court
 from video.calibration.court_lines import convert_to_brightness
 from video.io.clip import open_clip
@@ -154,6 +155,35 @@ def test_a_clip_of_something_else_is_refused_in_one_sentence(tmp_path: Path) -> 
         locate_court(clip, None, None, ignore_progress)
     with pytest.raises(OptionError, match="--sport is one of badminton, table-tennis, tennis"):
         locate_court(clip, "cricket", None, ignore_progress)
+
+
+@pytest.mark.parametrize(("place", "is_part"), [("service boxes", True), ("beside", False)])
+def test_lines_of_another_court_are_not_those_of_the_sport_that_was_named(
+    place: str, is_part: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name, truth, looks = aim("tennis broadcast")
+    tennis, table = SPORTS[name], SPORTS["table-tennis"]
+    ends = np.array([[5.485, 1.37], [18.285, 1.37], [18.285, 9.6], [5.485, 9.6]])
+    ends = ends if is_part else ends * 0.7 + 1.3
+    px = truth.to_pixels(np.column_stack([ends, np.zeros(4)]))
+    own = np.array([[0, 0], [table.length, 0], [table.length, table.width], [0, table.width]])
+    matrix = cv2.getPerspectiveTransform(own.astype(np.float32), px.astype(np.float32))
+    on_table = build_court_camera(matrix, table, 1280, 720)
+    found = {
+        sport.name: LocatedCourt(sport, CourtFit(camera, 0.1, 1.0, np.ones(len(sport.lines)), 1.0, seen))
+        for sport, camera, seen in ((tennis, truth, 3000.0), (table, on_table, 900.0))
+    }
+    monkeypatch.setattr(
+        court_finder, "find_court", lambda _, sports, *__: found["table-tennis" if sports == [table] else name]
+    )
+    images = [draw_court(tennis, truth, LOOKS[looks], np.random.default_rng(k)) for k in range(6)]
+    clip = open_clip(write_clip(tmp_path / "court.mp4", images))
+    if is_part:
+        with pytest.raises(ClipError, match=r"shows a court of tennis.*leave --sport out, or name tennis"):
+            locate_court(clip, "table-tennis", None, ignore_progress)
+    else:
+        assert locate_court(clip, "table-tennis", None, ignore_progress).sport.name == "table-tennis"
+    assert locate_court(clip, "tennis", None, ignore_progress).sport.name == "tennis"
 
 
 def test_corners_of_the_user_replace_the_search_and_lines_refine_them(tmp_path: Path) -> None:
