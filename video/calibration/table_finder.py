@@ -409,7 +409,8 @@ def _locate_from_option(option: str, background: ImageArray, stored_scale: tuple
         source += ", in pixels of the stored image, which are not square"
     if not 1.5 < perspective.aspect < 2.6:
         raise OptionError(
-            f"must be those of a table about twice as long as wide; these are {perspective.aspect:.2f} times",
+            f"must be those of a table about twice as long as wide; these are {perspective.aspect:.2f} times; of a"
+            " court, name its --sport, too",
             option="corners", remedy="pixels",
         )  # fmt: skip
     return TableLocation(

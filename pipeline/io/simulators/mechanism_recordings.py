@@ -272,8 +272,8 @@ def _require_samples(recordings: Sequence[Recording]) -> None:
     for name, count in zip(recordings[0].bodies, counts, strict=True):
         if count < 2 * MIN_ROWS:
             raise OptionError(
-                f"{name} has {count} positions with a time, too few to test anything; give {2 * MIN_ROWS} at least,"
-                " better several hundred"
+                f"too few rows hold a time and a number for {name} to test anything: {count}; give {2 * MIN_ROWS} at"
+                " least, better several hundred"
             )
 
 
