@@ -42,8 +42,8 @@ LOOKS = {
     "grass": Looks((90, 140, 60), (80, 130, 55), noise=6.0),
     "table-tennis": Looks((60, 62, 70), (75, 70, 75), paint=(215, 110, 190), tape=(210, 200, 215)),
     "blue table": Looks((40, 70, 150), (150, 60, 55)),
-    "table on wood": Looks((45, 60, 68), (235, 215, 190), blur=1.0, players=0),
-    "table before a stand": Looks((0, 42, 95), (190, 50, 55), (40, 85, 75), rows=14),
+    "bright floor": Looks((45, 60, 68), (235, 215, 190), blur=1.0, players=0),
+    "stand": Looks((0, 42, 95), (190, 50, 55), (40, 85, 75), rows=14),
 }
 
 

@@ -60,8 +60,6 @@ PLACE_FRAMES, MAX_PLACE_MISFIT = 6, 4.0
 # px, standard deviation of corners given by the user, and px in an image of `REFERENCE_WIDTH_PX` from them up to which
 # lines are those of their court; share of its lines that must be seen to be more exact than the user's eye.
 USER_CORNER_SIGMA_PX, GIVEN_REACH_PX, MIN_GIVEN_SHARE = 2.0, 12.0, 0.4
-
-
 # px in an image of `REFERENCE_WIDTH_PX` between lines of two courts that are one line; share of a court's lines that
 # are those of another from which it is no court; number of places on a line that are compared.
 SAME_LINE_PX, SAME_LINE_SHARE, LINE_PLACES = 5.0, 0.7, 400
@@ -102,7 +100,8 @@ def locate_court(clip: Clip, sport: str | None, corners: str | None, progress: P
     if located is None and not is_still and corners is None:
         # Players may hide lines in one image, or the camera shows the court only later.
         for reference in range(len(images) // 2, len(images), len(images) // 3 or 1):
-            located = find_court(images[reference], sports)
+            image = images[reference]
+            located = find_court(image, sports)
             if located is not None:
                 break
     if located is None:
@@ -112,8 +111,7 @@ def locate_court(clip: Clip, sport: str | None, corners: str | None, progress: P
         sentence = f"{clip.path.name} shows {subject}; film it with its lines in view"
         raise ClipError(sentence, remedy="court corners")
     if sport is not None and corners is None:
-        shown = image if reference == 0 else images[reference]
-        larger = find_court(shown, [one for one in find_sports().values() if one.name != sport])
+        larger = find_court(image, [one for one in find_sports().values() if one.name != sport])
         if larger is not None and _is_part(located, larger):
             raise ClipError(
                 f"{clip.path.name} shows a court of {larger.sport.name}: the lines that would be those of {sport} are"

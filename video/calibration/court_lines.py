@@ -215,9 +215,7 @@ def measure_crests(
     if len(xy) == 0:
         return np.empty(0), np.empty(0)
     extent = int(np.ceil(reach + np.max(width) / 2 + BLUR_PX + SIDE_PX)) + 1
-    s = np.arange(-2 * extent, 2 * extent + 1) / 2
-    at = (xy[:, None] + s[:, None] * normal[:, None]).astype(np.float32)
-    profile = cv2.remap(brightness, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    s, profile = _sample_across(brightness, xy, normal, 2 * extent)
     total = np.concatenate([np.zeros((len(xy), 1)), np.cumsum(profile, axis=1, dtype=np.float64)], axis=1)
     core = np.clip(np.rint(width), 1, None).astype(np.int64)
     gap = np.rint(width + 3).astype(np.int64)
@@ -254,9 +252,7 @@ def measure_steps(
         return np.empty(0)
     cells = round(2 * STEP_SIDE_PX)
     extent = int(np.ceil(2 * reach + np.max(width))) + 1 + cells
-    s = np.arange(-extent, extent + 1) / 2
-    at = (xy[:, None] + s[:, None] * outward[:, None]).astype(np.float32)
-    profile = cv2.remap(brightness, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    s, profile = _sample_across(brightness, xy, outward, extent)
     total = np.cumsum(profile, axis=1, dtype=np.float64)
     # the mean of the cells behind a place less that of those before it
     rise = (total[:, 2 * cells :] - 2 * total[:, cells:-cells] + total[:, : -2 * cells]) / cells
@@ -266,6 +262,16 @@ def measure_steps(
     vertex = (before - after) / np.where(is_peak, 2 * (before - 2 * peak + after) - 1e-9, 1.0)
     centre = s[cells:-cells][best] + (0.5 + vertex) / 2 + width / 2
     return np.where(is_peak & (np.abs(centre) < reach), centre, np.nan)
+
+
+def _sample_across(
+    brightness: NDArray[np.float32], xy: FloatArray, normal: FloatArray, cells: int
+) -> tuple[FloatArray, NDArray[np.float32]]:
+    """Sample the brightness across predicted lines: px along the normal (S,), every half, and grey levels (K, S)."""
+    s = np.arange(-cells, cells + 1) / 2
+    at = (xy[:, None] + s[:, None] * normal[:, None]).astype(np.float32)
+    levels = cv2.remap(brightness, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return s, np.asarray(levels, np.float32)
 
 
 def _find_bar_centre(

@@ -41,24 +41,18 @@ VIEWS: dict[str, tuple[str, Place, Place, float, bool, float, str]] = {
     "table side": ("table-tennis", (1.3, -8, 3.9), (1.4, 0.7, -0.4), 1450, False, 0.03, "table-tennis"),
     "table side phone": ("table-tennis", (1.0, -3.2, 0.9), (1.37, 0.7, 0), 1000, False, 0.0, "blue table"),
     "table oblique": ("table-tennis", (-1.8, -2.2, 1.3), (1.3, 0.7, 0), 1100, True, 0.0, "blue table"),
-    "table before a stand": (
-        "table-tennis",
-        (0.72, -5.26, 2.31),
-        (1.3, 0.7, 0.0),
-        829,
-        False,
-        0.0,
-        "table before a stand",
-    ),
+    "table before a stand": ("table-tennis", (0.72, -5.26, 2.31), (1.3, 0.7, 0.0), 829, False, 0.0, "stand"),
     "table behind": ("table-tennis", (-9, 0.9, 3.5), (1.2, 0.76, -0.2), 2600, True, 0.0, "table-tennis"),
 }
-# Its lines are too faint to be searched, not to be measured.
-BRIGHT_FLOOR = ("table-tennis", (0.9, -1.8, 0.85), (1.0, 0.7, 0.1), 411.0, False, -0.09, "table on wood")
+# Lines that are too faint to be searched, not to be measured.
+FAINT_VIEWS = {
+    "bright floor": ("table-tennis", (0.9, -1.8, 0.85), (1.0, 0.7, 0.1), 411.0, False, -0.09, "bright floor")
+}
 FAST = ("badminton broadcast", "tennis phone corner", "table side")
 
 
 def aim(view: str) -> tuple[str, CourtCamera, str]:
-    name, place, target, focal, is_left_handed, k1, looks = BRIGHT_FLOOR if view == "bright floor" else VIEWS[view]
+    name, place, target, focal, is_left_handed, k1, looks = (VIEWS | FAINT_VIEWS)[view]
     return name, aim_camera(place, target, focal, is_left_handed=is_left_handed, k1=k1), looks
 
 
@@ -157,9 +151,9 @@ def test_a_clip_of_something_else_is_refused_in_one_sentence(tmp_path: Path) -> 
         locate_court(clip, "cricket", None, ignore_progress)
 
 
-@pytest.mark.parametrize(("place", "is_part"), [("service boxes", True), ("beside", False)])
+@pytest.mark.parametrize("is_part", [True, False], ids=["service boxes", "beside them"])
 def test_lines_of_another_court_are_not_those_of_the_sport_that_was_named(
-    place: str, is_part: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    is_part: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     name, truth, looks = aim("tennis broadcast")
     tennis, table = SPORTS[name], SPORTS["table-tennis"]

@@ -50,7 +50,10 @@ function handleCorrectionKey(shot, key, event) {
     shot.desk.set({ cross: [desk.cross[0] + arrow[0] * step, desk.cross[1] + arrow[1] * step] });
   } else if (desk.question?.point && key === "Enter") placeBall(shot);
   else if (key === "Escape") cancelCorrection(shot);
-  else if (key === "y" || key === "z") { if (event.repeat) return true; if (event.shiftKey || key === "y") shot.redo(); else shot.undo(); }
+  else if (key === "y" || key === "z") {
+    if (event.repeat) return true; // a key that is held is one step
+    if (event.shiftKey || key === "y") shot.redo(); else shot.undo();
+  }
   else if (key === "d") goToCheck(shot, desk.check + (event.shiftKey ? -1 : 1));
   else if (key === "b") startPlacing(shot);
   else return handleChoiceKey(shot, key === "Backspace" ? "Delete" : key, desk);
